@@ -43,7 +43,7 @@ TESTS = 1000
 DRAWN_CELLS = 1 << 17  # cells, to see which inputs are frequent
 STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5, "LEFT_OUT": -8}
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-shared", "-fPIC")
-HEADER = Path(__file__).with_name("sdhj").with_suffix(".h")
+FIXED_HEADER = Path(__file__).with_name("sdhj").with_suffix(".h")
 
 
 def export_c(
@@ -111,7 +111,11 @@ def export_c(
     writable_file(folder / "sdhj_table.bin")
     data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
     robot = header_of(table, data, fields, rule, brake)
-    for name, text in (("sdhj_table.bin", data), (HEADER.name, HEADER.read_bytes()), ("sdhj_robot.h", robot.encode())):
+    for name, text in (
+        ("sdhj_table.bin", data),
+        (FIXED_HEADER.name, FIXED_HEADER.read_bytes()),
+        ("sdhj_robot.h", robot.encode()),
+    ):
         with replaced_whole(folder / name) as temporary:
             temporary.write_bytes(text)
     return Exported(folder, table)

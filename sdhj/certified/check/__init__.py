@@ -31,11 +31,11 @@ module:function` where the robot has black boxes.
 
 import os
 import sys
-from typing import Any
+from typing import Any, cast
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.exported import claims
+from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import expect, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
@@ -77,7 +77,7 @@ def verify(
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
-    sets: Arm | Robot | None = None
+    words, sets = None if exported is None else Words(exported), cast(Arm | Robot | None, None)
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
@@ -94,6 +94,6 @@ def verify(
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
     silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
     found = list(sets.claims(samples, seed, silent))
-    if exported is not None:
-        found += claims(exported, sets, head, silent)
+    if words is not None:
+        found += claims(words, sets, head, silent)
     return Verdict(tuple(found))

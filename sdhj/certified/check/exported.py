@@ -106,9 +106,8 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
     return palette[entries].astype(np.uint32)
 
 
-def claims(path: str | os.PathLike[str], sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
+def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
     """All claims of an exported table, of the sets of a table's file, and what that tells."""
-    words = Words(path)
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:

@@ -10,6 +10,10 @@ import toys
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.exported import Words, claims
+from sdhj.certified.check.reading import head_and_arrays
+from sdhj.certified.check.robots import Robot
 from sdhj.certified.export import FIELDS, packed_table
 
 
@@ -22,6 +26,15 @@ def robot():
 def arm():
     problem = sdhj.arm_case_study(nodes=9, steps=1)
     return sdhj.solve(problem, sdhj.Certified(cells=(42, 42, 12, 12)), play=False, progress=False)
+
+
+def exported_of(table):
+    if id(table) not in KEPT:
+        KEPT[id(table)] = packed_table(table, FIELDS, "deepest", 0, False)
+    return KEPT[id(table)]
+
+
+KEPT = {}
 
 
 def words_of(data):
@@ -37,11 +50,22 @@ def signed(data):
 
 
 def failed(table, data, folder):
-    """The claims that are not proved."""
+    """The claims of an exported table that are not proved of its table."""
     table.save(folder / "table.h5")
     (folder / "sdhj_table.bin").write_bytes(data)
-    verdict = verify(folder / "table.h5", exported=folder / "sdhj_table.bin", progress=False)
-    return {claim.name for claim in verdict.claims if claim.failed}
+    words = Words(folder / "sdhj_table.bin")
+    with head_and_arrays(folder / "table.h5") as (head, arrays):
+        sets = Arm(head, arrays) if table.proof.kind == "arm" else Robot(head, arrays, None)
+        return {claim.name for claim in claims(words, sets, head, True) if claim.failed}
+
+
+def test_the_verdict_has_the_claims_of_both(tmp_path):
+    robot().save(tmp_path / "table.h5")
+    for forged_one in (False, True):
+        data = forged(robot(), "safe", FORGERIES["safe"]) if forged_one else exported_of(robot())
+        (tmp_path / "sdhj_table.bin").write_bytes(data)
+        verdict = verify(tmp_path / "table.h5", exported=tmp_path / "sdhj_table.bin", progress=False)
+        assert verdict.ok != forged_one and "exported: filter" in str(verdict) and "one step nearer" in str(verdict)
 
 
 @pytest.mark.parametrize("only", [FIELDS, ("select",), ("steps", "clear"), ("filter",)], ids="+".join)
@@ -52,7 +76,7 @@ def test_what_is_exported_is_proved(tmp_path, only, rule):
 
 def forged(table, field, change):
     """The file in which one word of each that has the field claims more; change(bytes of it, word) in place."""
-    data = bytearray(packed_table(table, FIELDS, "deepest", 0, False))
+    data = bytearray(exported_of(table))
     mask = -(-len(table.problem.inputs) // 8)
     sizes = dict(zip(FIELDS, (4, 2, mask, mask, mask), strict=True))
     at = sum(sizes[one] for one in FIELDS[: FIELDS.index(field)])
@@ -80,11 +104,11 @@ def test_a_word_that_claims_more_is_refused(tmp_path, table, field):
 
 @pytest.mark.slow
 def test_what_is_exported_of_an_arm_is_proved(tmp_path):
-    assert failed(arm(), packed_table(arm(), FIELDS, "deepest", 0, False), tmp_path) == set()
+    assert failed(arm(), exported_of(arm()), tmp_path) == set()
 
 
 def test_two_words_that_change_places_are_refused(tmp_path):
-    data = bytearray(packed_table(robot(), FIELDS, "deepest", 0, False))
+    data = bytearray(exported_of(robot()))
     begin, size, count = words_of(data)
     rng = np.random.default_rng(0)
     first, second = rng.choice(count, 2, replace=False).tolist()
@@ -95,7 +119,7 @@ def test_two_words_that_change_places_are_refused(tmp_path):
 
 def test_cells_claimed_elsewhere_are_refused(tmp_path):
     """Cells that begin elsewhere, or are wider; inputs, steps and interval of another robot."""
-    data = packed_table(robot(), FIELDS, "deepest", 0, False)
+    data = exported_of(robot())
     _, size, count = words_of(data)
     inputs = 560 + -(-size * count // 8) * 8
     for at in (208, 256, 304, 352, 400, 544, 552, 96, inputs, 32):
@@ -108,7 +132,7 @@ def test_cells_claimed_elsewhere_are_refused(tmp_path):
 
 
 def test_damage_is_refused(tmp_path):
-    data, rng = packed_table(robot(), FIELDS, "deepest", 0, False), np.random.default_rng(0)
+    data, rng = exported_of(robot()), np.random.default_rng(0)
     for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:
         bad = bytearray(data)
         bad[at] ^= 16
