@@ -93,7 +93,8 @@ def export_c(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
             'the problem with method="certified"'
         )
-    problem, fields = table.problem, tuple(one for one in FIELDS if one in set(only))
+    only = (only,) if isinstance(only, str) else tuple(only)
+    problem, fields = table.problem, tuple(one for one in FIELDS if one in only)
     if problem.sensing.delay:
         raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
     rule = rule or ("small" if fields == ("select",) else "deepest")
@@ -231,6 +232,7 @@ def _bytes_for(count: int) -> int:
 def file_of(
     table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray, blocks: int
 ) -> bytes:
+    """The bytes of a file, of words and blocks that are numbered."""
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
     order = np.argsort(squared_distances(inputs, inputs[brake][None])[0], kind="stable")
@@ -238,10 +240,6 @@ def file_of(
     index = np.array(packer.index, "<u4").view(np.uint8).reshape(-1, 4)[:, :index_bytes]
     lengths = [len(body) for body in packer.bodies]
     bodies = b"".join(packer.bodies) + bytes(2)
-    if sum(lengths) >= 1 << 32:
-        raise ValueError(
-            f"the bodies of blocks take {sum(lengths):,} bytes, and a file has room for 4 GB; use fewer cells"
-        )
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
     at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
     parts = (
@@ -253,6 +251,8 @@ def file_of(
         bodies,
         tests.tobytes(),
     )
+    if sum(map(len, parts)) + 1024 >= 1 << 32:
+        raise ValueError("a file has room for 4 GB, and these words take more; use fewer cells, or export less (only)")
     body = b"".join(part.ljust(-(-len(part) // 8) * 8, b"\0") for part in parts)
     flags = sum(1 << FIELDS.index(one) for one in fields)
     each = 1 if problem.timeless else table.steps + 1
@@ -350,16 +350,21 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
 # ---- the header of a robot
 
 
+def plain(text: str) -> str:
+    """A text that a comment of C can hold."""
+    return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
+
+
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
     """The text of `sdhj_robot.h`."""
     problem, grid, inputs = table.problem, table.grid, table.problem.inputs
-    name = "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"' else "_" for one in problem.name)
+    name, *axes = map(plain, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
     rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
     lines = [
         f"/* The robot of sdhj_table.bin: {name}. Written by `sdhj export`; do not edit.",
         " *",
-        f" * state: {', '.join(grid.names)}, in the problem's units (by convention metres, radians, seconds)",
+        f" * state: {', '.join(axes)}, in the problem's units (by convention metres, radians, seconds)",
         f" * the file answers {', '.join(fields)}; sdhj_select prefers by the rule {rule!r}",
         f" * problem {problem.digest}",
         " */",
@@ -376,10 +381,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_TIMELESS {int(problem.timeless)} /* 1: steps are ignored, a loop may go on without end */",
         f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
-        *(
-            f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {grid.names[axis]} */"
-            for axis, count in enumerate(table.shape)
-        ),
+        *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",
         f"static const double sdhj_robot_delta = {problem.delta!r}; /* seconds from step to step */",
         f"static const double sdhj_robot_inputs[{inputs.shape[0]}][{inputs.shape[1]}] = {{",

@@ -549,8 +549,8 @@ static inline uint32_t sdhj_selftest(const sdhj_table *t) {
     sdhj_status status;
     sdhj_place place;
     for (axis = 0; axis < t->axes; axis++) { /* as a part of the axis, and a fiftieth past its ends */
-      volatile double beside = 0.02 * t->length[axis], part = sdhj_u16(test + 2u * axis) * (1.04 / 65535.0);
-      part *= t->length[axis];
+      volatile double beside = 0.02 * t->length[axis], share = sdhj_u16(test + 2u * axis) * (1.04 / 65535.0);
+      volatile double part = share * t->length[axis];
       state[axis] = t->lower[axis] - beside + part;
     }
     status = sdhj_steps_to_go(t, step, state, &value);

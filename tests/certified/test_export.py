@@ -37,7 +37,15 @@ def senses():
     return replace(digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03)))
 
 
+def oddly_named():
+    names = ["*/ #error", "\u03b8 \\"]
+    problem = toys.torus_problem()
+    return replace(problem, grid=replace(problem.grid, names=names), name='"a" /* b */')
+
+
 CASES = {
+    "line": (toys.interval_problem, sdhj.Certified(cells=(80,))),
+    "oddly named": (oddly_named, sdhj.Certified(cells=(30, 30))),
     "torus": (toys.torus_problem, sdhj.Certified(cells=(60, 60))),
     "moves": (lambda: digest_cases.tide(turning=True), sdhj.Certified(cells=(32, 24), parts=3)),
     "measured": (senses, sdhj.Certified(cells=(80, 60), parts=4)),
@@ -295,12 +303,14 @@ int main(void) {
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "g++", "clang", "clang++"])
-def test_compilers_find_nothing_to_say(exported, compiler):
+@pytest.mark.parametrize("name", ["torus", "oddly named"])
+def test_compilers_find_nothing_to_say(exported, compiler, name):
     if not shutil.which(compiler):
         pytest.skip(f"there is no {compiler}")
-    folder = exported("torus").folder
-    kinds = ["-x", "c++", "-std=c++11"] if compiler.endswith("++") else ["-std=c99"]
-    for more in ([], ["-DSDHJ_NO_FLOAT"], ["-O3"]):
+    folder = exported(name).folder
+    plus = compiler.endswith("++")
+    kinds = ["-x", "c++", "-std=c++11"] if plus else ["-std=c99"]
+    for more in ([], ["-DSDHJ_NO_FLOAT"], ["-O3"], ["-std=c++20"] if plus else ["-std=c11"]):
         command = [compiler, *kinds, *STRICT, *more, f"-I{folder}", "-c", "-", "-o", str(folder / "program.o")]
         command[1:1] = [] if "++" in compiler else ["-x", "c"]
         subprocess.run(command, input=PROGRAM.encode(), check=True)
