@@ -16,6 +16,8 @@ import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.checks import arguments
 from sdhj.problem.interval import Interval
+from sdhj.solver.games import HJIGames
+from sdhj.solver.schemes import Scheme
 
 ROUNDING = 1e-12  # some dozen operations on numbers of order one
 
@@ -625,15 +627,14 @@ def test_velocity_sets_without_the_state_are_numbers():
 
 
 def test_velocity_sets_in_time_are_counted_back_from_the_end():
-    interval = problem_of(tidal()).interval(2)
-    field = interval.velocity_field(1, (0,))
+    problem = problem_of(tidal())
+    field = HJIGames(problem, Scheme()).velocities(1, (0,), 2)
     for tau in (0.0, 0.1, 0.3):
-        now = interval.velocities(1, (0,), 0.9 - tau)
+        now = problem.interval(2).velocities(1, (0,), 0.9 - tau)
         np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
-    still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1])).interval(2)
-    assert (
-        toys.ends_of(still.velocity_field(1, (0,)))[1].tolist() == toys.ends_of(still.velocities(1, (0,)))[1].tolist()
-    )
+    still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1]))
+    fields = HJIGames(still, Scheme()).velocities(1, (0,), 2), still.interval(2).velocities(1, (0,))
+    assert toys.ends_of(fields[0])[1].tolist() == toys.ends_of(fields[1])[1].tolist()
 
 
 # ---- the digest of a problem is that of its formulas

@@ -121,6 +121,30 @@ def test_the_least_in_the_cells_is_below_the_function_in_all_of_them(rng):
     assert (values >= least[..., None]).all()
 
 
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("nodes", [64, 256, 1024])
+def test_a_cell_is_bounded_by_what_the_function_does_there(nodes, periodic):
+    """An interval of an angle, written without regard to where the angle begins anew, which is far away."""
+    grid, far = Grid([-np.pi], [np.pi], [nodes], [periodic]), 0.8
+    for centre in (0.0, 1.0, 2.0):
+        least = least_in_cells(grid, lambda p, centre=centre: np.abs(p[:, 0] - centre) - 0.3)
+        distance = np.maximum(np.abs(grid.nodes(0) - centre) - 0.3, 0.0)
+        # unsafe: the set, a cell on each side, and half a part (an eighth of a cell) for the change nearby
+        assert (least[distance == 0] < 0).all() and (least[distance > 1.2 * grid.spacing[0]] > 0).all()
+        away = distance > far
+        if periodic:  # the first node touches a cell on each side of the seam
+            distance[0] = min(distance[0], np.pi - centre - 0.3)
+        assert (least[away] >= (distance - 1.2 * grid.spacing[0])[away]).all()
+
+
+def test_a_function_that_is_0_in_its_set_is_negative_there_by_cells_too():
+    """As G is closed: deep inside, where nothing changes nearby, and in a set of one point."""
+    grid = Grid([-1.0, -1.0], [1.0, 1.0], [41, 41])
+    least = least_in_cells(grid, lambda p: np.maximum(np.hypot(p[:, 0], p[:, 1]) - 0.5, 0.0))
+    inside = np.hypot(*grid.points().T).reshape(grid.shape) <= 0.5
+    assert (least[inside] < 0).all() and np.float32(least[20, 20]) < 0
+
+
 def test_a_steep_sampling_is_ten_times_as_deep_inside_and_else_the_same(rng):
     plain, steep = room(half=0.3), room(half=0.3, sampling="steep")
     values, deeper = (problem.unsafe_at(problem.unsafe[0], 0.0) for problem in (plain, steep))

@@ -144,7 +144,7 @@ class ArmProof(Proof):
     def prepare(self, progress: bool | None) -> list[FloatArray]:
         """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
         motion, clear = self.motion, []
-        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
+        for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))

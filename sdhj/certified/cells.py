@@ -29,6 +29,7 @@ IndexArray = NDArray[np.int64]
 
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
+FAR = 2.0**40  # cells: farther than any image that is kept
 DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
 
@@ -108,13 +109,18 @@ class CellAxis:
         width = float(self.width)
         if not known or not self.periodic:
             first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
-            return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
+            return _counted(first), _counted(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
         begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
-        return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
+        return _counted(first - cell), _counted(np.maximum(last, first) - cell)
+
+
+def _counted(cells: NDArray[np.float64]) -> IndexArray:
+    """Numbers of cells as integers; what is too large for one, which has no defined integer, as `FAR`."""
+    return np.nan_to_num(np.clip(cells, -FAR, FAR), nan=FAR).astype(np.int64)
 
 
 @lru_cache(maxsize=64)

@@ -236,7 +236,7 @@ class GeneralProof(Images):
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
         sway = np.max(pushed, axis=0) / 2 * length + self.unsure
-        for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
+        for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
             if not part.moving:
                 out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
                 continue

@@ -250,7 +250,10 @@ class Images(Proof):
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)
 
-        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+        with (
+            tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
+            ThreadPoolExecutor(n) as pool,
+        ):
             for some in (work[at : at + n] for at in range(0, len(work), n)):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
@@ -330,18 +333,31 @@ class Images(Proof):
             if sweep(ends, self.bounds.velocity(j, room[0], room[1], *times), h, carried, room, out):
                 return ends, out
             wider = 0.1 * (out[1] - out[0]) + STATE_SLACK
-            room = np.where(carried, ends, out + SIDES * wider)
-            if not np.isfinite(room).all():
+            wider_room = np.where(carried, ends, out + SIDES * wider)
+            if not np.isfinite(wider_room).all():
                 break
-        unknown = ~np.isfinite(self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])).all(axis=(0, 2))
-        if unknown.any():
-            first, last = (np.array2string(end[unknown][0], precision=4, separator=", ") for end in ends)
-            raise ValueError(
-                f"the velocity under input {self.bounds.input(j)} may be undefined or unbounded between {first} and "
-                f"{last}, and then nothing can be proved; bound what it is divided by, for example "
-                "np.maximum(distance, 0.01)"
-            )
-        raise ValueError("the dynamics change too fast for this interval: use more parts")
+            room = wider_room
+        raise self._unbounded(j, ends, room, times)
+
+    def _unbounded(self, j: int, ends: FloatArray, room: FloatArray, times: tuple[float, float]) -> ValueError:
+        """The error where no boxes are found that the states in `ends` stay in: `room` was tried; both (2, M, ndim)."""
+        names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
+        for boxes in (ends, room):
+            unknown = ~np.isfinite(self.bounds.velocity(j, boxes[0], boxes[1], *times)).all(axis=0)
+            if unknown.any():
+                row, axis = np.argwhere(unknown)[0]
+                first, last = (np.array2string(end[row], precision=4, separator=", ") for end in boxes)
+                return ValueError(
+                    f"the velocity along {names[axis]} under {u} may be undefined or unbounded between {first} and "
+                    f"{last}, where the states of a cell may come within an interval, and then nothing can be proved; "
+                    "bound what it is divided by, for example np.maximum(distance, 0.01)"
+                )
+        widest = int(np.argmax((room[1] - room[0]).max(axis=1)))
+        first, last = (np.array2string(end[widest], precision=4, separator=", ") for end in room)
+        return ValueError(
+            f"the velocity under {u} grows too fast between {first} and {last}: within {times[1] - times[0]:.3g} s the "
+            "states of a cell there may be anywhere, and nothing can be proved; limit it, for example by np.minimum"
+        )
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
         """The cells, from their own on, that hold cells at places (M,) whose ends have moved: two (M, ndim)."""

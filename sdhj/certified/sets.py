@@ -88,7 +88,10 @@ import reprlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
+
+import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
@@ -96,18 +99,21 @@ from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import number, whole
+from sdhj.problem.checks import Options, number, whole
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
+OPERATIONS = 3e8  # of `sdhj.problem.cost` that take as long as a second of the model of cells, on one core
+ARM = 7e-11  # seconds for a cell, an input and an entry, of the arm: for each half of a solve
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 @dataclass(frozen=True)
-class Certified:
+class Certified(Options):
     """The method with a proof: its sets hold for every state of a cell, every disturbance and every time (Theorem 2).
 
     Parameters
@@ -155,7 +161,9 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve."""
-        return CellSets(self.proof(problem), progress)
+        proof = self.proof(problem)
+        begin(partial(cost_in_cells, proof), problem.steps is None)
+        return CellSets(proof, progress)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
         """Estimate the memory and the time of a solve.
@@ -206,6 +214,21 @@ class Certified:
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)
+
+
+def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
+    """What a solve costs, in the operations of `sdhj.problem.cost`; in memory what it finds apart."""
+    problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
+    count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
+    tubes = steps if problem.timeless else steps * (steps + 1) // 2
+    if isinstance(proof, GeneralProof):
+        first, rest = cost(problem, axes, proof.parts, speeds)
+    else:
+        first = rest = ARM * count * len(problem.inputs) * tubes
+    widths = np.array([float(axis.width) for axis in axes])
+    crossed = float((problem.delta * np.abs(speeds.extremes).max(axis=0) / widths).sum())
+    why = f"{multiplied(problem, tubes, count, 'cells')}, an interval in {proof.parts} parts"
+    return Cost(OPERATIONS * (first + rest), RUNTIME + proof.peak, tubes, OPERATIONS * first, crossed, why)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
-from sdhj.certified.explaining import Explanation, explain
+from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
@@ -24,6 +24,7 @@ from sdhj.problem.checks import real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
+from sdhj.table.explaining import Explanation
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time

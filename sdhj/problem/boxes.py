@@ -20,6 +20,7 @@ from sdhj.problem.grid import Grid, Window
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
+A_LOOK = 0.25  # of an operation: what a look at a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
@@ -151,6 +152,17 @@ def maxima(
             whole = Maxima(first, len(level.parent), found, level.axis, leaves)
             found = whole.of() if level is not levels[-1] else found
         yield whole
+
+
+def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
+    """What `maxima` takes, as `sdhj.problem.cost` counts: a node of a leaf looks at four others, and those between."""
+    corners, looks = np.stack([low, high], axis=2).astype(float), 0.0
+    for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        for level in levels:
+            n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
+            widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
+            looks += sum(widths[which] for which in level.which)
+    return A_LOOK * looks * grid.size
 
 
 def maximum_over_boxes(

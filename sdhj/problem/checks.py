@@ -3,7 +3,8 @@
 import inspect
 import reprlib
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,40 @@ from sdhj.formulas.formula import BlackBox
 DOUBLE = np.dtype(np.float64)
 KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
 STATES = ("points", "q", "x", "p", "state", "states")  # what `bounds` calls the state where it takes nothing else
+
+
+class Options:
+    """Base of dataclasses of options: an unknown name is refused, with where it belongs or with all that there are."""
+
+    def __new__(cls, *args: Any, **given: Any) -> Self:
+        for name, value in given.items():
+            if name not in options_of(cls):
+                written = written_as(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
+                raise TypeError(f"{cls.__name__} has no option {name!r} of its own; {written}")
+        return super().__new__(cls)
+
+
+def options_of(kind: Any) -> dict[str, Any]:
+    """The fields of a dataclass of options that can be given, by name."""
+    return {one.name: one for one in fields(kind) if one.init}
+
+
+def written_as(kind: Any, name: str, value: Any) -> str:
+    """How an option of a part of `kind` is written, and what is wrong with its value; empty if no part has it."""
+    for part in options_of(kind).values():
+        inner = part.default_factory
+        if not (isinstance(inner, type) and issubclass(inner, Options)):
+            continue
+        if name in options_of(inner):
+            try:
+                inner(**{name: value})
+                wrong = ""
+            except ValueError as error:
+                wrong = f", where {error}"
+            return f"it belongs to {part.name}=sdhj.{inner.__name__}({name}=...){wrong}"
+        if deeper := written_as(inner, name, value):
+            return f"{deeper}, in {part.name}=sdhj.{inner.__name__}(...)"
+    return ""
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:

@@ -9,7 +9,7 @@ import reprlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -77,6 +77,7 @@ class Grid:
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
     rim: tuple[tuple[int, int], ...] = ()
+    unsaid: ClassVar[bool] = False  # of an object: whether neither `periodic` nor `ends` was given
 
     def __init__(
         self,
@@ -85,13 +86,14 @@ class Grid:
         shape: Sequence[int],
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
-        ends: str | Sequence[Any] = ENDS[0],
+        ends: str | Sequence[Any] | None = None,
         rim: Sequence[Any] = (),
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
-        periodic = [False] * ndim if periodic is None else periodic
+        self.__dict__["unsaid"] = periodic is None and ends is None
+        periodic, ends = [False] * ndim if periodic is None else periodic, ENDS[0] if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
             if len(sequence(label, given)) != ndim:

@@ -4,8 +4,8 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
@@ -18,8 +18,6 @@ from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 
-KNOWN_AT_MOST = 512  # velocities at different times that an interval keeps
-KNOWN_BYTES = 2**25  # of all of them together
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -104,7 +102,6 @@ class Interval:
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
     wider: FloatArray | float = 0.0  # (ndim,), by how much boxes of what is reachable are widened
-    _known: dict[Any, Velocities] = field(default_factory=dict, init=False)  # of some times, for all steps to go
 
     @property
     def end(self) -> float:
@@ -335,19 +332,7 @@ class Interval:
         boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
         (the moving frame).
         """
-        t = self.begin if t is None else t
-        key = j, tuple(axes), t, drift
-        if key not in self._known:
-            found = self._velocities(j, list(axes), t, drift)
-            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > KNOWN_BYTES:
-                return found  # the games keep what is the same at all times
-            if len(self._known) >= KNOWN_AT_MOST:
-                self._known.clear()
-            self._known[key] = found if found.coupled else found.kept()
-        return self._known[key]
-
-    def _velocities(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities:
-        dynamics = self.dynamics
+        dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
             nothing = np.zeros((1, self.grid.ndim))
             f = dynamics.drift_at(nothing, j, t)[:, axes] * drift
@@ -423,14 +408,3 @@ class Interval:
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]
-
-    def velocity_field(
-        self, j: int, axes: Sequence[int], *, drift: bool = True
-    ) -> Velocities | Callable[[float], Velocities]:
-        """The velocity set as `schemes.evolve` reads it: itself or, where it depends on time, as a function of tau.
-
-        tau is counted back from the interval's end.
-        """
-        if self.dynamics.timed:
-            return lambda tau: self.velocities(j, axes, self.end - tau, drift=drift)
-        return self.velocities(j, axes, drift=drift)

@@ -63,6 +63,7 @@ class ReachAvoidProblem:
     steps : int, or None
         N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
         target eventually or to stay safe for ever; nothing may then depend on time. The table's problem has the number.
+        Where anything depends on time there are N (N + 1) / 2 tubes instead of N: `sdhj.estimate` says what that costs.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
         times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
@@ -599,18 +600,42 @@ def _with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """For each node, a lower bound on a level-set function in all cells that touch it, shape `grid.shape`.
 
-    This is the least value on a lattice of `FINE` parts per cell, less the function's change in half a part along each
-    axis. The set of the interpolated bounds contains the true set.
+    It is the least, over the points z of a lattice of `FINE` parts per cell, of
+
+        f(z) - 1/2 sum over the axes of the largest |f(z') - f(z'')|,
+
+    with z' and z'' neighbours along the axis, both at most one part from z: so a steep function far away costs nothing.
+    The set of the interpolated bounds contains the true set. The lattice has points at both ends of a periodic axis, as
+    a function that is not periodic jumps between the two and not before them.
     """
-    shape = [n * FINE if p else (n - 1) * FINE + 1 for n, p in zip(grid.shape, grid.periodic, strict=True)]
-    fine = Grid(grid.lower, grid.upper, shape, grid.periodic)
-    values = np.asarray(function(fine.points()), dtype=np.float64).reshape(shape)
-    values = values - sum(_steepest(fine, values, axis) for axis in range(grid.ndim)) / 2
-    for axis, (n, periodic) in enumerate(zip(shape, grid.periodic, strict=True)):
-        at = np.arange(0, n, FINE)[:, None] + np.arange(-FINE, FINE + 1)
-        at = at % n if periodic else np.clip(at, 0, n - 1)
-        values = np.minimum.reduce([values.take(column, axis) for column in at.T])
-    return values
+    lines = [
+        np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
+        for low, high, n, periodic in zip(grid.lower, grid.upper, grid.shape, grid.periodic, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
+    values = np.asarray(function(points), dtype=np.float64).reshape([len(line) for line in lines])
+    values = values - sum(_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
+    for axis, periodic in enumerate(grid.periodic):
+        parts = values.shape[axis] - 1
+        around = np.clip(np.arange(0, parts + 1, FINE) + np.arange(-FINE, FINE + 1)[:, None], 0, parts)
+        values = np.minimum.reduce([values.take(places, axis) for places in around])
+        if periodic:  # its two ends are one node
+            first, last = values.take([0], axis), values.take([-1], axis)
+            values = np.concatenate([np.minimum(first, last), values.take(range(1, grid.shape[axis]), axis)], axis)
+    return np.where(values == 0.0, -ON_BOUNDARY, values)
+
+
+def _change_nearby(values: FloatArray, axis: int) -> FloatArray:
+    """For each point of a lattice the largest change between neighbours along an axis, both at most one point away."""
+    change = np.abs(np.diff(values, axis=axis))
+    change = np.maximum(
+        change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)
+    )
+    for other in set(range(values.ndim)) - {axis}:
+        last = values.shape[other] - 1
+        shifted = (np.clip(np.arange(last + 1) + by, 0, last) for by in (-1, 0, 1))
+        change = np.maximum.reduce([change.take(places, other) for places in shifted])
+    return np.asarray(change)
 
 
 def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:

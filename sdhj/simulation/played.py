@@ -24,6 +24,7 @@ SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated b
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
 EVER = 30  # steps of a run at the end of a solve without a number of steps
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
+DRAWN = 20_000  # states at which an empty tube is looked into
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
 
@@ -134,7 +135,7 @@ def _emptied(table: Table, share: float) -> str:
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.stays else ", no more than the target itself" if share else ""
-    states = grid.points()[:: max(grid.size // 20_000, 1)]
+    states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (DRAWN, grid.ndim))
     clear = problem.unsafe_value(states, problem.time(0)) > 0
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0

@@ -22,15 +22,18 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima
+from sdhj.problem.boxes import Maxima, maxima, operations
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import INSTANTS, Velocities
+from sdhj.problem.interval import INSTANTS, Interval, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import (
+    STAGES,
     Scheme,
     Scratch,
+    arranged_bytes,
     checked_travel,
     evolve,
     evolve_each,
@@ -40,6 +43,8 @@ from sdhj.solver.schemes import (
 )
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+PIECES_COUNTED = 5  # pieces of an interval at which it is looked what they cost
+A_PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
@@ -132,7 +137,13 @@ class Wall:
         """
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
-        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
+        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in part.axes]
+
+        def over(t0: float, t1: float) -> FloatArray:  # on the set's own axes in memory, of which there may be fewer
+            values = -problem.unsafe_over(part, t0, t1, view_time=view_time)
+            return np.broadcast_to(grid.lift(values, places), grid.shape)
+
+        return cls(axes, over, instant)
 
 
 class _OnAxes:
@@ -146,6 +157,7 @@ class _OnAxes:
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
+        self.crossed = 0.0
         self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
@@ -154,6 +166,13 @@ class _OnAxes:
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `reach`, of some inputs after one another at a time."""
+        raise NotImplementedError
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """What all inputs take together by a model, `sdhj.problem.cost`: of a reach game, or with a wall an avoid game.
+
+        `crossed` is then at least how many cells the state crosses in the interval.
+        """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
@@ -186,14 +205,16 @@ class _OnAxes:
 class HJIGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by finite differences."""
 
+    joint = False
+
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
         super().__init__(problem, axes)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
         # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
         self.counted: Mapping[Axes, Sequence[int]] = {}
-        self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
-        self._room = KEPT
+        self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
+        self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
@@ -222,6 +243,31 @@ class HJIGames(_OnAxes):
                 yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
                 return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
+        if wall and self.by_formula(axes):
+            found = self.formula.operations(axes, step, wall)
+            self.crossed = max(self.crossed, self.formula.crossed)
+            return found
+        grid, begin = self.problem.grid.subgrid(axes), self.problem.interval(step).begin
+        moving, timed = self.moving_frame and not wall and not self.early, self.problem.dynamics.timed
+        if wall or self.joint or timed:
+            steps = [self.steps(axes, step)] * self.count
+        else:
+            fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
+            known = None if moving else self.counted.get(axes)
+            steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
+        together = grid.size < FEW and not (self.early or timed or (self.joint and not wall))
+        calls = sum(set(steps)) if together else sum(steps)
+        self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
+        more = 0.0
+        if moving:
+            shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
+            more = operations(grid, shift, shift)
+        if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
+            more += 2 * grid.ndim * sum(steps) * grid.size
+        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
     def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
         self.solved += 1
@@ -303,24 +349,34 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """`Interval.velocity_field`, cached, up to `KEPT` bytes, if it does not depend on time."""
-        key = (j, axes, drift)
-        if key in self._fields:
-            return self._fields[key]
-        field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
-        if callable(field):
-            return lambda tau: self._stable(field(tau), axes, step)
-        laid_out = 0 if field.coupled else 8 * len(axes) * self.problem.grid.subgrid(axes).size  # for the kernels
-        if field.nbytes + laid_out <= self._room:
-            self._fields[key] = field if field.coupled else field.kept()
-            self._room -= field.nbytes + laid_out
-        return field
+        """The velocity set of a step as `evolve` reads it: itself or, if it depends on time, as a function of tau.
 
-    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
-        """The same velocities, or ValueError if the time steps of the interval are too long for them."""
-        if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
-            raise too_restless(self.duration)
-        return velocities
+        tau is counted back from the interval's end. Up to `KEPT` bytes are kept, of one interval at a time where they
+        depend on time: a row of the recursion asks for the same times once for each number of steps to go.
+        """
+        interval = self.problem.interval(step)
+        if not self.problem.dynamics.timed:
+            return self._field(j, axes, step, interval.begin, drift)
+        if interval.begin != self._begun:
+            self._fields.clear()
+            self._room, self._begun = KEPT, interval.begin
+        return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
+
+    def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
+        """The velocity set at a time, kept with what the kernels read of it as long as there is room.
+
+        ValueError if the time steps of the interval are too long for it, because it changes too fast within.
+        """
+        if (key := (j, axes, drift, t)) not in self._fields:
+            field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
+            own = self.problem.grid.subgrid(axes)
+            if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
+                raise too_restless(self.duration)
+            laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
+            if (room := self._room - field.nbytes - laid_out) < 0:
+                return field
+            self._fields[key], self._room = field if field.coupled else field.kept(), room
+        return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
         """Number of time steps of an interval that is enough for every input."""
@@ -428,10 +484,25 @@ class HopfLaxGames(_OnAxes):
         whole = None if wall.instant else wall.over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
-            boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
-            low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+            low, high = self._around(interval, axes, piece, pieces)
             yield from maxima(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
+            tick(operations(grid, low, high) + A_PIECE)
+
+    def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> tuple[FloatArray, FloatArray]:
+        """Corners of the boxes that hold all states of a piece of the interval, by input: two (L, axes)."""
+        ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
+        boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`, from what some pieces of the interval take."""
+        some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
+        grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if wall else self.early / self.duration)
+        if not wall and not self.early:
+            return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + A_PIECE
+        looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
+        each = [operations(grid, *self._around(interval, some, piece, pieces)) for piece in looked]
+        return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

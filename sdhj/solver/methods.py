@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from sdhj.problem.boxes import INTERPOLATIONS
-from sdhj.problem.checks import option
+from sdhj.problem.checks import Options, option
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
@@ -26,7 +26,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class HJI:
+class HJI(Options):
     """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
 
     Parameters
@@ -71,7 +71,7 @@ class HJI:
 
 
 @dataclass(frozen=True)
-class HopfLax:
+class HopfLax(Options):
     """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
     Parameters

@@ -19,16 +19,18 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.table.batches import Table
 from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -105,14 +107,44 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
-    sampled = grid.sampling_bytes
+    sampled, dynamics = grid.sampling_bytes, problem.dynamics
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
-    solved = (12 + kept) * item * grid.size  # stages with their ghost nodes, shifted copies
-    if not problem.dynamics.stateless:  # the velocities of one input at a time
-        velocities = problem.interval(0).sampling_bytes
-        sampled += velocities + min(KEPT, count * velocities)
-        solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
+    # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
+    wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
+    solved = (12 + kept) * item * max(grid.size, wide) + item * count * wide  # stages with their ghost nodes, copies
+    if not dynamics.stateless:  # the velocities of one input at a time
+        velocities, times = problem.interval(0).sampling_bytes, 1
+        if dynamics.timed:  # of an interval at a time, at each of its time steps
+            speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
+            times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
+        sampled += velocities + min(KEPT, count * times * velocities)
+        solved += item * grid.ndim * (3 + dynamics.adversaries) * max(grid.size, wide)
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
+
+
+def cost_on_grid(
+    problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int
+) -> Cost | None:
+    """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
+
+    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
+    """
+    if not hasattr(games, "operations"):
+        return None
+    played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
+    looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
+    tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
+    for danger in dangers(played):
+        playing, own = games if danger.problem is played else make(danger.problem), danger.problem
+        each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
+        once += float(np.mean(each)) * (steps if danger.moves else 1)
+        crossed = max(crossed, playing.crossed)
+    whole = tuple(range(problem.grid.ndim))
+    each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
+    crossed = max(crossed, games.crossed)
+    check_crossing(problem, crossed, stacklevel=6)
+    why = multiplied(problem, tubes, problem.grid.size, "nodes")
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why)
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
@@ -216,10 +248,14 @@ class GridSets:
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
-        check_resolution(problem, stacklevel=5)
+        needed = memory_needed(problem, dtype)
+        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
+        why = multiplied(problem, number, problem.grid.size, "nodes")
+        require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
+        begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)
+        check_resolution(problem, stacklevel=5)
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")

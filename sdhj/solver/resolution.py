@@ -25,6 +25,7 @@ SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
 FOUND = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
+TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -91,6 +92,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     """The warning for a level-set function that jumps at the set's boundary or ends with its period; else empty."""
     grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
+    rng = np.random.default_rng(0)
     for axis, name in enumerate(problem.grid.names[axis] for axis in part.axes):
         if grid.periodic[axis]:
             side = grid.points().reshape(*grid.shape, grid.ndim).take(0, axis).reshape(-1, grid.ndim)
@@ -104,7 +106,8 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
                 )
         here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
-        crossing = crossing[:: crossing.size // CROSSINGS + 1]
+        if crossing.size > CROSSINGS:
+            crossing = rng.choice(crossing, CROSSINGS, replace=False)
         if crossing.size:
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
@@ -175,3 +178,14 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness
+
+
+def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
+    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
+    if crossed > TURNS * sum(problem.grid.shape):
+        warnings.warn(
+            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
+            f"together have {sum(problem.grid.shape):,}; check the units of delta and of the velocities",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )

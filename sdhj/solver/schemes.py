@@ -32,7 +32,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
 from sdhj.problem.boxes import most_on_rim, out_of_danger
-from sdhj.problem.checks import option
+from sdhj.problem.checks import Options, option
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
 
@@ -55,7 +56,7 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 @dataclass(frozen=True)
-class Scheme:
+class Scheme(Options):
     """How the Hamilton-Jacobi-Isaacs equations are discretised (Sec. 5.4).
 
     Parameters
@@ -177,6 +178,13 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
     if (known := terms.get((id(layout), dtype))) is None:
         known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
     return known[1]
+
+
+def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
+    """Bytes of a box of velocities at all nodes, as `stage` reads it, with ghost nodes."""
+    layout = layout_of(grid, scheme.order)
+    plane = (layout.rows + 2 * layout.top) * layout.width
+    return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
 
 
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
@@ -306,6 +314,7 @@ def _evolved(
         stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
+        tick(count * grid.size + CALL)
 
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)

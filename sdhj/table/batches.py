@@ -19,6 +19,7 @@ from sdhj.problem.checks import points_array, real_array, sealed, states_array, 
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.explaining import Explanation, explain
 
 CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
@@ -126,6 +127,29 @@ class Table:
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
+    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
+        """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.
+
+        Parameters
+        ----------
+        q : (ndim,)
+            The state, in the units of the grid's axes.
+        step, within : int
+            As `start` and `within` of `contains`.
+
+        Returns
+        -------
+        Explanation
+            `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
+            or by how much it may end outside the tube with one step less to go.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `step` or `within` does not fit.
+        """
+        return explain(self, q, step, within)
+
     # ---- sets
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
@@ -146,7 +170,8 @@ class Table:
         ----------
         points : (M, ndim) array
             States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
-            input of the step starts, one delay after the measurement, and True holds whatever has been measured.
+            input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
+            measurement ask `Controller.admissible`.
         start : int
             k, the step at which the robot is there, from 0 to N.
         within : int, optional

@@ -392,6 +392,21 @@ class Controller:
         predictions = predicted(self.problem, np.atleast_2d(states), np.broadcast_to(given, count), self._at(step))
         return predictions[0] if states.ndim == 1 else predictions
 
+    def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
+        """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
+
+        Arguments and errors are those of `predict`. It is asked of the prediction: `table.contains` speaks of the state
+        when the input of the step starts, where the robot has moved on by the delay under the previous input.
+
+        Returns
+        -------
+        bool, or (M,) bool for many measurements
+        """
+        states = np.atleast_2d(self.predict(measurement, previous, step))
+        batch = self.table.answers(states, self._at(step), self.table.steps - self._at(step))
+        found = (batch.steps_to_go != NOT_ADMISSIBLE) & (batch.promised | (batch.steps_to_go == 0))
+        return found if np.ndim(measurement) > 1 else bool(found[0])
+
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
         """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
 
@@ -464,7 +479,7 @@ class Controller:
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many.
+            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
         step : int, optional
             As for `steps_to_go`.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
