@@ -157,8 +157,6 @@ def solve_command(
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ValueError(f"{options} is of the arm's case study; state it in the problem of {robot}")
     problem = arm_case_study(**({"nodes": 25, "steps": 8} | given)) if robot is None else user_problem(robot, "ROBOT")
-    for doubt in doubts(problem):
-        click.echo(f"Warning: {doubt}", err=True)
     table = solve(problem, chosen, store=store)
     if output is not None:
         try:
@@ -171,36 +169,6 @@ def solve_command(
     what = "stays clear" if problem.stays else "target reachable"
     share, took = table.fraction(start=0, within=steps), table.details["seconds"]
     click.echo(f"{name}: {what} from {share:.1%} of C within {steps} steps; solved in {took:.1f} s")
-
-
-MOST_TARGET = 0.5  # of the state space
-
-
-def doubts(problem: ReachAvoidProblem) -> list[str]:
-    """What of a problem is allowed, but seldom meant: one line each."""
-    grid, out = problem.grid, []
-    drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (10_000, grid.ndim))
-    moved = np.abs(problem.interval(0).displacements(drawn[:100])).max(axis=(0, 1))
-    for axis, length in enumerate(np.subtract(grid.upper, grid.lower).tolist()):
-        if moved[axis] > length:
-            out.append(
-                f"one interval moves the state by {moved[axis]:g} along {grid.names[axis]}, which is {length:g} long; "
-                "check the units of the velocity and of delta"
-            )
-    for name, low, high, periodic in zip(grid.names, grid.lower, grid.upper, grid.periodic, strict=True):
-        if not periodic and abs(high - low - 2 * np.pi) < 1e-3:
-            out.append(
-                f"axis {name} is as long as a full turn and has ends, past which the robot may not go; if it is an "
-                "angle, give Grid(..., periodic=[...]) with True in its place"
-            )
-    if not problem.stays:
-        share = float((problem.target_value(drawn, problem.time(0)) <= 0).mean())
-        if share > MOST_TARGET:
-            out.append(
-                f"the target is {share:.0%} of the state space; level-set functions are negative inside: is its sign "
-                + "right?"
-            )
-    return out
 
 
 @main.command("simulate")
@@ -410,10 +378,8 @@ STACK = 300  # bytes at most, of gcc on x86-64
 @click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
 @plainly
 def explain_command(table: Path, state: str, step: int, within: int | None, problem: str | None) -> None:
-    """Say why a certified table promises a STATE, numbers separated by commas, or does not."""
+    """Say why a table promises a STATE, numbers separated by commas, or does not."""
     read: Any = load(table, problem=None if problem is None else user_problem(problem))
-    if not read.proved:
-        raise ValueError(f"{table} has no proof to explain; solve with --method certified, or ask `sdhj simulate`")
     click.echo(str(read.explain(np.array(numbers("state", state)), step, within)))
 
 
