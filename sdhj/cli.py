@@ -319,8 +319,10 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
             found = resolve_name(name)
         problem = found if isinstance(found, ReachAvoidProblem) else found()
     except Exception as error:  # user code can raise anything
-        said = f"there is no {what} in it" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
-        raise ValueError(f"{option} {name} failed, {said}{_line_of(error, place)}") from error
+        if isinstance(error, KeyError) and error.args == (what,):
+            raise ValueError(f"{option} {name}: there is no {what} in it") from error
+        where = _line_of(error, place)
+        raise ValueError(f"{option} {name} failed with {type(error).__name__}: {error}{where}") from error
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"{option} {name} must be or return a ReachAvoidProblem, got {reprlib.repr(problem)}")
     return problem
