@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import first
 import limits
 import numba
 import numpy as np
@@ -439,6 +440,7 @@ def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
     click.echo(whole_table(case_study, measure_controller()) + "\n")
+    click.echo(first.table("arm", first.in_a_new_process("arm")) + "\n")
     click.echo(f"chapter 10's sliders: {measure_slider():.2f} s from a move to the picture\n")
     click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))
     if output is not None:

@@ -19,10 +19,10 @@ from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import Sets, recursion
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.solver.recursion import GridSets, Sets, recursion
+from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
-from sdhj.table.files import arrays_in, opened, problem_of_file
+from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -63,9 +63,10 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
-        certified table whether to warn where it has next to nothing. Whatever this meets (no start, a function that is
-        undefined somewhere, Ctrl-C, too little memory) becomes a warning, and the table is returned.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
+        ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
+        to nothing. Whatever this meets (no start, a function that is undefined somewhere, Ctrl-C, too little memory)
+        becomes a warning, and the table is returned.
     operations : float
         What a solve may take at most, by the model of `estimate`, which knows the cost before anything is solved. The
         default is some hours on two cores.
@@ -153,6 +154,8 @@ def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None, m
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
         sets = cast(Any, method.sets(problem, progress))
+        if not isinstance(sets, GridSets):
+            check_sets(problem, stacklevel=3)
         meter.tube()
 
         def done() -> None:
@@ -197,6 +200,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (head, file):
-        problem = problem_of_file(path, head, arrays_in(file), problem)
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
+        require_entries(head, file)
+        problem = problem_of_file(path, head, arrays_in(file), problem)
         return kind.read(head, file, problem)

@@ -217,7 +217,7 @@ def test_old_versions_are_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     compiling._clear.__wrapped__(tmp_path)
     assert left() == ["0", "1", "2", "29"]
-    monkeypatch.setattr(compiling, "MOST_BYTES", 25)
+    monkeypatch.setattr(compiling, "KEPT_BYTES", 25)
     compiling._clear.__wrapped__(tmp_path)
     assert left() == ["0", "1"] and (tmp_path / "mine.txt").exists()
     compiling._clear.__wrapped__(tmp_path / "nowhere")

@@ -42,9 +42,12 @@ def plane(delta=0.25, steps=2, turning=False, timed=False, moving=False, nodes=2
     )
 
 
+FIXED = sdhj.HJI(sdhj.Scheme(frame="fixed"))
+
+
 @pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
 @pytest.mark.parametrize("kind", ["constant", "turning", "timed", "moving"])
-@pytest.mark.parametrize("method", ["hji", "projected", sdhj.HJI(games="joint"), sdhj.HJI(sdhj.Scheme(frame="fixed"))])
+@pytest.mark.parametrize("method", [FIXED, sdhj.Projected(inner=FIXED), sdhj.HJI(games="joint")])  # no shifts
 def test_updates_of_nodes_are_those_that_were_stated(monkeypatch, kind, method):
     """Counted where the kernel is called, by what it is given; less the tubes that are shared."""
     problem = plane(**{kind: True} if kind != "constant" else {}, steps=3)

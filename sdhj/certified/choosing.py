@@ -150,7 +150,8 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> Fl
         return np.zeros(len(widths))
     moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
     low, high = np.array(moves, dtype=float).T[:, :, None]
-    cells = np.ceil((high - DRIFT) / widths) - np.floor((low + DRIFT) / widths)
+    drift = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis]))
+    cells = np.ceil((high - drift) / widths) - np.floor((low + drift) / widths)
     return np.asarray((cells * widths - (high - low)).mean(axis=0) / 2)
 
 

@@ -27,7 +27,6 @@ from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
-from sdhj.kernels.packed import STATE_SLACK
 from sdhj.kernels.words import INPUTS, NOTHING, cells_of_blocks, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.table.batches import threads
@@ -262,10 +261,10 @@ def file_of(
     known = grid.has("safe")
     whole_numbers = (table.shape, sides.tolist(), grid.periodic, safe if known else [0] * ndim)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
-    reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper)
+    reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
-    tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals) + bytes(48)
-    tail += struct.pack("<2d", problem.delta, STATE_SLACK)
+    tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals)
+    tail += struct.pack("<2d", problem.delta, 0.0)
     digest = hashlib.sha256(tail + body).digest()
     head = b"sdhjcell" + struct.pack("<I", 1)
     rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
@@ -338,7 +337,7 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
     """The status of `sdhj_locate` of states (M, ndim): 0 on the grid, (M,) int."""
     cells, grid = table.cells, table.grid
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
-    below, above = offset < -STATE_SLACK, offset > cells.length + STATE_SLACK
+    below, above = offset < -table.proof.shell, offset > cells.length + table.proof.shell
     safe = np.array([[end == "safe" for end in ends] for ends in grid.ends]).T
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)

@@ -11,7 +11,7 @@
  *     apply(sdhj_robot_inputs[input]);                  where status is none of SDHJ_OK this is the braking input
  *
  * Where nothing depends on time, steps are ignored and a loop may go on without end. A state within 1e-10 of a cell
- * counts as in it, as in the proof. Controllers without floating point define SDHJ_NO_FLOAT and ask by the cell
+ * (of the axis's largest coordinate) counts as in it, as in the proof. Controllers without floating point define SDHJ_NO_FLOAT and ask by the cell
  * (`sdhj_cell`, then functions whose names end in _at). No function changes the table: threads may share it.
  */
 #ifndef SDHJ_H
@@ -50,7 +50,7 @@ typedef struct {
   uint32_t word_bytes, number_of_words, id_bytes, index_bytes, at_bytes, blocks, number_of_bodies, number_of_tests;
   uint32_t count[6], side[6], grid[6], periodic[6], safe_ends[6]; /* cells, of a block, blocks; bits: lower 1, upper 2 */
 #ifndef SDHJ_NO_FLOAT
-  double lower[6], width[6], length[6], error[6], upper[6], delta, slack;
+  double lower[6], width[6], length[6], error[6], upper[6], slack[6], delta;
 #endif
 } sdhj_table;
 
@@ -218,15 +218,16 @@ static inline int sdhj_axes_fit(sdhj_table *t, const uint8_t *file) {
   for (axis = 0; axis < t->axes; axis++) {
     const uint8_t *at = file + 256u + 8u * axis;
     t->lower[axis] = sdhj_f64(at), t->width[axis] = sdhj_f64(at + 48), t->length[axis] = sdhj_f64(at + 96);
-    t->error[axis] = sdhj_f64(at + 144), t->upper[axis] = sdhj_f64(at + 192);
+    t->error[axis] = sdhj_f64(at + 144), t->upper[axis] = sdhj_f64(at + 192), t->slack[axis] = sdhj_f64(at + 240);
+    if (!sdhj_between(t->slack[axis], 0.0, t->length[axis])) return 0;
     if (!sdhj_between(t->lower[axis], -1e300, 1e300) || !sdhj_between(t->upper[axis], t->lower[axis], 1e300)) return 0;
     if (!sdhj_between(t->width[axis], 1e-300, 1e300) || !sdhj_between(t->length[axis], t->width[axis] / 2, 1e300)) return 0;
     if (!sdhj_between(t->error[axis], 0.0, 1e300) || t->width[axis] * t->count[axis] < t->length[axis] * 0.999999) return 0;
   }
-  t->delta = sdhj_f64(file + 544), t->slack = sdhj_f64(file + 552);
+  t->delta = sdhj_f64(file + 544);
   for (i = 0; i < most; i++)
     if (!sdhj_between(sdhj_f64(t->inputs + (size_t)i * 8u), -1e150, 1e150)) return 0;
-  return sdhj_between(t->delta, 1e-300, 1e300) && sdhj_between(t->slack, 0.0, 1e-6);
+  return sdhj_between(t->delta, 1e-300, 1e300);
 }
 #endif
 
@@ -315,7 +316,7 @@ static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, 
   }
   for (axis = 0; axis < t->axes; axis++) {
     const double x = senses && !off ? sdhj_clipped(t, axis, state[axis]) : state[axis];
-    const double length = t->length[axis], slack = t->slack, most = (double)(t->count[axis] - 1u);
+    const double length = t->length[axis], slack = t->slack[axis], most = (double)(t->count[axis] - 1u);
     double offset = x - t->lower[axis], below, above, first, last;
     if (t->periodic[axis]) {
       const double laps = offset / length;

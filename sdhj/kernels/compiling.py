@@ -49,8 +49,8 @@ LINE = "compiling for this machine, up to half a minute; later runs read it from
 FEW = 2**16  # numbers: to share out fewer costs more than it saves, most of all on a busy machine
 PATIENCE = 60.0  # s that a process waits for what another one compiles
 GLANCE = 0.05  # s between two looks at how many cores are free
-DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
-MOST_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
+KEPT_DAYS = 30  # that a version of a compiled kernel is kept on disk when nobody uses it
+KEPT_BYTES = 2**29  # of versions in a folder; all kernels together have some 30 MB
 PROC = Path("/proc")  # where Linux says so
 _listening: list[Listener] = []
 # Numba would count the references to every array: a view made or dropped is an atomic step on a count that all threads
@@ -62,9 +62,17 @@ LOOP = "__numba_parfor"  # how Numba names what threads do of a loop; were it an
 # Whether this version of Numba has what `Whole` and `Linked` use of its insides.
 LINKED = all(
     hasattr(JITCodeLibrary, name)
-    for name in ("_optimize_final_module", "_finalize_final_module", "_finalize_dynamic_globals", "_finalized")
+    for name in (
+        "_optimize_functions",
+        "_optimize_final_module",
+        "_finalize_final_module",
+        "_finalize_dynamic_globals",
+        "_finalized",
+    )
 ) and hasattr(CompileResult, "_find_referenced_environments")
-LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "set_env"))
+LINKED = LINKED and all(
+    hasattr(cpu_target.target_context.codegen(), name) for name in ("_library_class", "_data_layout", "set_env")
+)
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -88,7 +96,7 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
             dispatcher = njit(**whole)(function)
         if LINKED and isinstance(dispatcher, CPUDispatcher):  # and not the function, where nothing is compiled
             dispatcher.__class__ = Kernel
-            dispatcher.within = njit(**WITHIN, **options)(function)  # type: ignore[attr-defined]
+            dispatcher.within = njit(**WITHIN, **{name: x for name, x in options.items() if name != "nogil"})(function)  # type: ignore[attr-defined]
         # Numba offers no way to say so: where its insides differ (or nothing is compiled) its own rules stay
         found: Any = getattr(dispatcher, "_cache", None)
         if hasattr(found, "_guard_against_spurious_io_errors") and hasattr(found._cache_file, "_source_stamp"):
@@ -134,6 +142,9 @@ class Linked(JITCodeLibrary):
     """
 
     whole = False
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
         if self.whole:
@@ -407,7 +418,7 @@ def _imported(source: bytes) -> Iterator[str]:
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove versions of kernels that nobody has used for `DAYS`, and of those the oldest beyond `MOST_BYTES`."""
+    """Remove versions of kernels that nobody has used for `KEPT_DAYS`, and of those the oldest beyond `KEPT_BYTES`."""
     known = []
     for path in folder.glob("*.code"):
         with suppress(OSError):  # another process may be at it
@@ -415,7 +426,7 @@ def _clear(folder: Path) -> None:
     total = 0
     for used, size, path in sorted(known, reverse=True):
         total += size
-        if time.time() - used > DAYS * 86400 or total > MOST_BYTES:
+        if time.time() - used > KEPT_DAYS * 86400 or total > KEPT_BYTES:
             with suppress(OSError):
                 path.unlink()
 

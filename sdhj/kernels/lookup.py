@@ -17,7 +17,7 @@ import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, turned, weighted
-from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, part, play_part
+from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, length, part, play_in_room, slots_of, work_for
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
@@ -36,11 +36,13 @@ _TARGET = _UNSAFE + TABLES + 1
 class Shelf(NamedTuple):
     """A look-up table as compiled code reads it, every function on a grid flat.
 
-    steps; index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L,
-    size of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
+    steps; game, the place in tubes of the values by which inputs are selected, -1 where those of the next tube are;
+    index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L, size
+    of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
     """
 
     steps: int
+    game: int
     index: Any
     tubes: Any
     masks: Any
@@ -53,11 +55,11 @@ class Shelf(NamedTuple):
 class Room(NamedTuple):
     """Room to work in.
 
-    hull (2, ndim): the box that holds those of all inputs. axes (ndim,): all of them; index, weight (2, 2^ndim):
-    nodes around a state; marks (L,): whether they all mark an input. Of a block: the first node on each axis in
-    `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,); where they are on the
-    grid, offsets (size,). What is left when the maxima along the axes before it are taken begins at values[rest[a]],
-    behind all that is left later: values (2 size,).
+    hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
+    index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a block: the first
+    node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
+    where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
+    at values[rest[a]], behind all that is left later: values (2 size,).
     """
 
     hull: Any
@@ -98,7 +100,7 @@ def _mark(masks, place, index, count, marks):
 
 
 @kernel(**UNCOUNTED)
-def _gather(values, state, order, lattice, room):
+def _gather(values, state, column, order, lattice, room):
     """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
     offsets, rest = room.offsets, room.rest
     offsets[0], rest[state.size] = 0, 1
@@ -107,8 +109,8 @@ def _gather(values, state, order, lattice, room):
         nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.extent[later]
-        begin, _ = locate(state[axis] + room.hull[0, axis], axis, lattice)
-        end, _ = locate(state[axis] + room.hull[1, axis], axis, lattice)
+        begin, _ = locate(state[axis] + room.hull[column, 0, axis], axis, lattice)
+        end, _ = locate(state[axis] + room.hull[column, 1, axis], axis, lattice)
         room.begin[a], rest[a] = begin, (end + 2 - begin) * size
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
             shift = among(begin + i - lattice.first[axis], nodes) * stride
@@ -146,7 +148,7 @@ def _worst_values(values, state, ends, column, order, lattice, room, out):
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    _gather(values, state, order, lattice, room)
+    _gather(values, state, column, order, lattice, room)
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
@@ -174,12 +176,12 @@ def _hazard(shelf, step, j, room, still, moving):
 
 
 @kernel(**UNCOUNTED)
-def _of_tubes(shelf, step, state, lattice, room, margin, safe):
-    """safe[j] from marks and margins, and the best input; see `notebooks/site/queries.md`."""
+def _of_tubes(shelf, step, state, lattice, room, margin, safe, depth):
+    """safe[j] from marks and margins, and the best input by depth; see `notebooks/site/queries.md`."""
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = room.marks[j] and margin[j] <= 0.0
-        if safe[j] and (best < 0 or margin[j] < margin[best]):
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
@@ -187,14 +189,15 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
     moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
     for j in range(safe.size):
         safe[j] = margin[j] <= 0.0 and _hazard(shelf, step, j, room, still, moving) <= 0.0
-        if safe[j] and (best < 0 or margin[j] < margin[best]):
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
     best, least = 0, np.inf
     for j in range(safe.size):
-        worse = max(margin[j], _hazard(shelf, step, j, room, still, moving))
-        if room.marks[j] > room.marks[best] or (room.marks[j] == room.marks[best] and worse < least):
+        worse = max(depth[j], _hazard(shelf, step, j, room, still, moving))
+        one, other = shelf.game < 0 and room.marks[j], shelf.game < 0 and room.marks[best]
+        if one > other or (one == other and worse < least):
             best, least = j, worse
     return best
 
@@ -202,22 +205,27 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
 @kernel(**UNCOUNTED)
 def _by_tubes(m, column, states, when, shelf, ends, space, out):
     """The answers for one state, but for the look at the true sets."""
-    (order, lattice, room), (to_go, safe, margins, best), (step, within) = space, out, when
+    (order, lattice, room), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
-    to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
+    to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
     if not on_grid(state, lattice):
         return
     count = corners(state, room.axes, lattice, TINY, index, weight)
-    to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    if shelf.game < 0:
+        to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    elif weighted(shelf.tubes, shelf.game, index, weight, count) <= 0.0:
+        to_go[m] = steps - step
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
     tube = shelf.tubes[shelf.index[following + n - 1]]
     _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
-    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m])
+    if shelf.game >= 0:
+        _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, depths[m])
+    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m], depths[m])
 
 
 @kernel(**UNCOUNTED)
@@ -277,22 +285,22 @@ def _place(at, state, j, box, lattice, look, spots):
 
 
 @kernel(**UNCOUNTED)
-def _next(known, safe, scores, margin, hazard, first):
+def _next(known, safe, scores, depth, hazard, first):
     """The input to look at next; if it has passed already, or has failed, it is the answer.
 
-    Of the safe ones that of least score, of equals that of least margin; where none is safe, `first`, the best by the
-    tubes; where that fails, the one for which the larger of margin and hazard is least; where none passes, `first`.
+    Of the safe ones that of least score, of equals that of least depth; where none is safe, `first`, the best by the
+    tubes; where that fails, the one for which the larger of depth and hazard is least; where none passes, `first`.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
         if safe[j] and known[j] != FAILS:
             better = best < 0 or scores[j] < scores[best]
-            if better or (scores[j] == scores[best] and margin[j] < margin[best]):
+            if better or (scores[j] == scores[best] and depth[j] < depth[best]):
                 best = j
     if best >= 0 or known[first] != FAILS:
         return best if best >= 0 else first
     for j in range(safe.size):
-        worse = max(margin[j], hazard[j])
+        worse = max(depth[j], hazard[j])
         if known[j] != FAILS and worse < least:
             best, least = j, worse
     return best if best >= 0 else first
@@ -306,7 +314,7 @@ def propose(waiting, within, states, rows, packs, ahead, out, spots):
     no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores) of `decide`, as the other arguments but
     spots, which is what `spots_for` returns. Returns how many still wait.
     """
-    (to_go, safe, margins, best), (slots, known, hazard, points, past, _, _) = out, spots
+    (to_go, safe, _, best, depths), (slots, known, hazard, points, past, _, _) = out, spots
     (ints, floats), (ends, scores) = packs, ahead
     lattice, times, faces = _lattice(ints, floats), part(ints, floats, LOOK_TIMES), part(ints, floats, _FACES)
     some = 0
@@ -319,7 +327,7 @@ def propose(waiting, within, states, rows, packs, ahead, out, spots):
         waiting, some = some, 0
     for k in range(waiting):
         r, m = slots[0, k], rows[slots[0, k]]
-        j = _next(known[r], safe[m], scores[m], margins[m], hazard[r], slots[1, r])
+        j = _next(known[r], safe[m], scores[m], depths[m], hazard[r], slots[1, r])
         best[m], slots[1, r] = j, j if slots[1, r] < 0 else slots[1, r]
         if known[r, j] == UNKNOWN:
             box = ends, r if ends.shape[3] > 1 else 0
@@ -336,7 +344,7 @@ def judge(waiting, rows, looks, count, out, spots):
     What is in an unsafe set is not admissible, with `ONLY_LOOK` just its steps to go say so; what is in no target has
     one step to go, or none any longer. An input that fails is not safe.
     """
-    (to_go, safe, margins, best), (slots, known, _, _, past, level, there) = out, spots
+    (to_go, safe, margins, best, depths), (slots, known, _, _, past, level, there) = out, spots
     last, some = LOOKED if count > 1 else 0, 0
     for k in range(waiting):
         r, m = slots[0, k], rows[slots[0, k]]
@@ -355,7 +363,7 @@ def judge(waiting, rows, looks, count, out, spots):
         if lost:
             to_go[m] = -1
         if lost and looks != ONLY_LOOK:
-            safe[m], margins[m], best[m] = False, np.inf, -1
+            safe[m], margins[m], best[m], depths[m] = False, np.inf, -1, np.inf
         elif not passes:
             safe[m, j] = False
             slots[0, some] = r
@@ -363,51 +371,96 @@ def judge(waiting, rows, looks, count, out, spots):
     return some
 
 
-@kernel(inline="always")
-def _evaluate(waiting, rows, ints, floats, to_go, spots):
+@kernel(**UNCOUNTED)
+def _evaluate(waiting, rows, packs, times, to_go, spots, work):
     """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
 
     The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
-    (slots, _, _, points, _, level, there), times = spots, part(ints, floats, LOOK_TIMES)
+    (ints, floats), (slots, _, _, points, _, level, there) = packs, spots
     count, last = times.size, LOOKED if times.size > 1 else 0
-    if play_part(ints, floats, np.int64(_UNSAFE), points, times, level, np.int64(0), waiting * count) != 0.0:
+    unsafe, target = (ints, floats, np.int64(_UNSAFE)), (ints, floats, np.int64(_TARGET))
+    if play_in_room(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
         return False
-    for k in range(waiting if part(ints, ints, _TARGET + RESULTS).size else 0):
+    for k in range(waiting if length(ints, np.int64(_TARGET + RESULTS)) > 0 else 0):
         start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
         stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_part(ints, floats, np.int64(_TARGET), points, times, there, start, stop) != 0.0:
+        if start < stop and play_in_room(target, points, times, there, start, stop, work) != 0.0:
             return False
     return True
 
 
-@kernel(inline="always")
-def _look(rows, when, states, packs, ahead, table, out, spots):
+@kernel(**UNCOUNTED)
+def _look(rows, when, states, packs, ahead, table, space, out):
     """The look at the true sets for some rows, by their tapes; False where they are undefined.
 
-    table : (shelf, lattice, room)
+    table : (shelf, lattice). space : (room, spots, work)
     """
-    (step, within, _, looks), (ints, floats), (shelf, lattice, room) = when, packs, table
-    count = part(ints, floats, LOOK_TIMES).size
+    (step, within, _, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
+    times = part(ints, floats, LOOK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
-        if not _evaluate(waiting, rows, ints, floats, out[0], spots):
+        if not _evaluate(waiting, rows, packs, times, out[0], spots, work):
             return False
-        waiting = judge(waiting, rows, looks, count, out, spots)
+        waiting = judge(waiting, rows, looks, times.size, out, spots)
         for k in range(waiting if looks == LOOK else 0):
-            r = spots[0][0, k]
-            if not out[1][rows[r]].any():
+            r, some = spots[0][0, k], False
+            for j in range(out[1].shape[1]):
+                some |= out[1][rows[r], j]
+            if not some:
                 _hazards(shelf, step, states[rows[r]], lattice, room, spots[2][r])
         waiting = propose(waiting, within, states, rows, packs, ahead, out, spots)
     return True
 
 
+@kernel(**UNCOUNTED)
+def _lead(begin, rows, states, packs, ends, found, work):
+    """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
+
+    found : near (4, L, ndim, R), which may be `ends` if that is one for all states; at (R, ndim), overwritten; hulls
+    """
+    (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
+    played = length(ints, np.int64(_AHEAD + RESULTS))
+    if played > 0:
+        for r in range(rows.size):
+            for axis in range(ndim):
+                at[r, axis] = states[rows[r], axis]
+        tape, lead = (ints, floats, np.int64(_AHEAD)), near.reshape(played, near.shape[3])
+        if play_in_room(tape, at, part(ints, floats, _BEGIN), lead, np.int64(0), rows.size, work) != 0.0:
+            return -1
+    elif ends.shape[3] > 1:
+        for term in range(near.shape[0]):
+            for j in range(near.shape[1]):
+                for axis in range(ndim):
+                    for r in range(rows.size):
+                        near[term, j, axis, r] = ends[term, j, axis, begin + r]
+    if near.shape[3] > 1 or begin == 0:
+        for r in range(min(rows.size, near.shape[3])):
+            most = max(most, _hull(near, r, part(ints, floats, 1), hulls[r]))
+    return most
+
+
+@kernel(**UNCOUNTED)
+def _answer(rows, states, when, packs, stored, ahead, space, out):
+    """The answers for some states; False where formulas are undefined."""
+    (step, within, steps, game, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
+    lattice, order = _lattice(ints, floats), part(ints, ints, _ORDER)
+    still, timed = part(ints, ints, _STATIC), part(ints, ints, _MOVING)
+    shelf = Shelf(steps, game, index, tubes, masks, static, still, moving, timed)
+    for r in range(rows.size if looks != ONLY_LOOK else 0):
+        column = r if ahead[0].shape[3] > 1 else 0
+        _by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, space[0]), out)
+    return looks == TUBES or _look(rows, when, states, packs, ahead, (shelf, lattice), space, out)
+
+
 @kernel()
-def _room(ndim, inputs, size):
-    """A `Room` for so many inputs and nodes of a block."""
-    around, spans = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64)
-    nodes = np.arange(ndim), np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
-    return Room(np.empty((2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
+def _room(columns, ndim, inputs, size):
+    """A `Room` for so many hulls, inputs and nodes of a block."""
+    around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
+    for axis in range(ndim):
+        axes[axis] = axis
+    nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
 
 
 @kernel(nogil=True)
@@ -420,8 +473,10 @@ def spots_for(states, inputs, count, ndim, sets):
     (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
     """
     slots, known, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
-    points, past = np.empty((size, ndim + 1)), np.empty(size, np.int64)
-    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), np.zeros((1, size))
+    points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
+    for i in range(size):
+        there[0, i] = 0.0
+    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), there
 
 
 @kernel(nogil=True)
@@ -432,9 +487,9 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ----------
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    when : (step, within, steps, looks)
-        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. looks:
-        `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
+    when : (step, within, steps, game, looks)
+        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. game:
+        as in `Shelf`. looks: `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
     packs, stored : (ints, floats), (index, tubes, masks, static, moving)
         What is packed (above); of a `Shelf`.
     ends : (4, L, ndim, 1 or R)
@@ -442,50 +497,33 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         states at the interval's end, and two terms of the path without an adversary, which after a share s of the
         interval is s ends[2] + s^2 ends[3] away. Where there is a tape for it, it is played, and `ends` is not read.
     scores : (M, L)
-        Which safe input is preferred as `best`: that of least score, of equals that of least margin.
-    out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
-        To be written. to_go is -1 where no tube holds the state; safe is False, margins inf and best -1 there and at
-        the last step.
+        Which safe input is preferred as `best`: that of least score, of equals that of least depth.
+    out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
+        To be written. to_go is -1 where no tube holds the state; safe is False, margins and depths inf and best -1
+        there and at the last step. Without a `game`, depths is the array margins.
 
     Returns
     -------
     bool
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    (step, within, steps, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
-    axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
-    shelf = Shelf(steps, index, tubes, masks, static, axes[0], moving, axes[1])
-    order, times = part(ints, ints, _ORDER), part(ints, floats, LOOK_TIMES)
-    ndim, inputs, count = states.shape[1], out[1].shape[1], times.size
-    played, time = part(ints, ints, _AHEAD + RESULTS).size, part(ints, floats, _BEGIN)
+    ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
+    count, sets = length(ints, np.int64(LOOK_TIMES)), length(ints, np.int64(_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    alike, sets = played == 0 and ends.shape[3] == 1, part(ints, ints, _UNSAFE + RESULTS).size
-    room, at = _room(ndim, inputs, size), np.empty((width, ndim))
-    spots = spots_for(width if looks != TUBES else 0, inputs, count, ndim, sets)
-    near = ends if alike else np.empty((4, inputs, ndim, width))
+    alike = length(ints, np.int64(_AHEAD + RESULTS)) == 0 and ends.shape[3] == 1
+    near, at = ends if alike else np.empty((4, inputs, ndim, width)), np.empty((width, ndim))
+    room = _room(near.shape[3], ndim, inputs, size)
+    spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
+    for first in (_AHEAD, _UNSAFE, _TARGET):
+        slots = max(slots, slots_of(ints, np.int64(first)))
+    work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        if played:
-            for r in range(some.size):
-                for axis in range(ndim):
-                    at[r, axis] = states[some[r], axis]
-            lead = near.reshape(played, width)
-            if play_part(ints, floats, np.int64(_AHEAD), at, time, lead, np.int64(0), some.size) != 0.0:
-                return False
-        elif not alike:
-            for term, j, axis in np.ndindex(near.shape[:3]):
-                for r in range(some.size):
-                    near[term, j, axis, r] = ends[term, j, axis, begin + r]
-        for r in range(some.size if looks != ONLY_LOOK else 0):
-            column = 0 if alike else r
-            if not alike or begin + r == 0:
-                needed = _hull(near, column, lattice.spacing, room.hull)
-                if needed > size:
-                    size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-                    room = Room(*room[:7], *block)  # type: ignore[call-arg]
-            _by_tubes(some[r], column, states, (step, within), shelf, near, (order, lattice, room), out)
-        table, ahead = (shelf, lattice, room), (near, scores)
-        if looks != TUBES and not _look(some, when, states, packs, ahead, table, out, spots):
+        needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
+        if needed > size:
+            size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
+            room = Room(*room[:7], *block)  # type: ignore[call-arg]
+        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True
 
@@ -498,8 +536,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     """
     axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
-    shelf = Shelf(0, *nothing, static, axes[0], moving, axes[1])
-    room = _room(states.shape[1], out.shape[1], 0)
+    shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
+    room = _room(1, states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])
 

@@ -177,7 +177,7 @@ def _kept(keep, old):
     return keep * (old if keep > 0 else keep)
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
     """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
 
@@ -191,7 +191,7 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
         out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
     half = phi.dtype.type(0.5)
@@ -240,7 +240,7 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
         out[here + i] = _kept(keep, out[here + i]) + rest * (phi[here + i] + dt * (rhs[i] + best[i]))
 
 
-@kernel()
+@kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
     """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
     n, g, width = layout.nodes, layout.ghosts, layout.width
@@ -257,7 +257,7 @@ def _fill_ghosts(plane, layout, begin, end):
             plane[row * width + i] = plane[(source + layout.top) * width + i]
 
 
-@kernel()
+@kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _share(phi, out, wall, velocities, scheme, layout, step, share):
     """What one thread does of `stage`: (which share, of how many)."""
     flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
@@ -308,22 +308,3 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
         _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)
-
-
-@kernel(parallel=True, least=FEW)
-def to_planes(values, out, layout):
-    """Copy values (planes, rows, nodes) into `out` (planes, padded rows, width), ghost nodes included."""
-    for plane in prange(values.shape[0]):
-        for row in range(layout.rows):
-            for i in range(layout.nodes):
-                out[plane, layout.top + row, layout.ghosts + i] = values[plane, row, i]
-        _fill_ghosts(out[plane].ravel(), layout, np.int64(0), layout.rows)
-
-
-@kernel(parallel=True, least=FEW)
-def from_planes(phi, out, layout):
-    """Copy phi (planes, padded rows, width) into `out` (planes, rows, nodes), without the ghost nodes."""
-    for plane in prange(out.shape[0]):
-        for row in range(layout.rows):
-            for i in range(layout.nodes):
-                out[plane, row, i] = phi[plane, layout.top + row, layout.ghosts + i]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import get_num_threads
 
-from sdhj.kernels import FloatArray, elementary, intervals
+from sdhj.kernels import FloatArray, elementary, intervals, read_only
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.elementary import ERRORS, INF, NAN
 from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
@@ -80,13 +80,25 @@ def packed(*arrays: FloatArray) -> Tape:
         parts[sort].append(one.ravel())
         row[:] = ends[sort], ends[sort] + one.size
         ends[sort] += one.size
-    return Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1]))
+    return read_only(Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1])))
 
 
-@kernel(inline="always")  # as its caller counts references, or does not
+@kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
     """The k-th of packed arrays, as one row; array: those of its sort."""
     return array[ints[2 * k] : ints[2 * k + 1]]
+
+
+@kernel(**UNCOUNTED)
+def length(ints, k):
+    """How many numbers the k-th of packed arrays has."""
+    return ints[2 * k + 1] - ints[2 * k]
+
+
+@kernel(**UNCOUNTED)
+def slots_of(ints, first):
+    """How many slots the tape has whose code is the `first` of packed arrays; 0 where there is no tape."""
+    return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
@@ -190,7 +202,7 @@ def _truths(op, room, i, j, k, last, count):
     a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
         for m in range(count):
-            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else 0.0 * a[m])
+            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
     elif op == LESS:
         for m in range(count):
             out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
@@ -257,13 +269,25 @@ def _gridded(lookup, places, tables, room, place, out, count, spots):
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
 
 
+@kernel(nogil=True)
+def work_for(slots, points):
+    """Room to play tapes with so many slots, so many points at a time: numbers, rows of slots, what look-ups need."""
+    return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
+
+
 @kernel(error_model="numpy", **UNCOUNTED)
-def _play(tape, points, parameters, out, start, stop, work):
+def play_in_room(tape, points, parameters, out, start, stop, work):
+    """`play_part` of (ints, floats, first) where there is room already (`work_for`): compiled code may call it.
+
+    A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
+    """
     (ints, floats, first), (room, place, spots) = tape, work
+    spare, total = slots_of(ints, np.int64(first)), 0.0
+    for slot in range(spare):
+        place[slot] = slot
     code, outputs = part(ints, ints, first + CODE), part(ints, ints, first + RESULTS)
     lookups, places = part(ints, ints, first + LOOKUPS), part(ints, floats, first + _PLACES)
     value, tables = part(ints, floats, first + VALUE), part(ints, floats, first + TABLES)
-    spare, total = place.size, 0.0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(value.size):
@@ -293,19 +317,18 @@ def _play(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """`play` of the points from start to stop; compiled code may call it, too. Returns 0 where all values are finite.
+    """`play` of the points from start to stop. Returns 0 where all values are finite.
 
-    first : the place of the tape's code among the packed arrays. A result is written to a row that no slot has, which
-    then is the row of its slot: operands are never overwritten.
+    first : the place of the tape's code among the packed arrays.
     """
-    slots = part(ints, ints, first + SLOTS)[0]
-    room = np.empty((slots + 1, min(BLOCK, stop - start))), np.arange(slots), (np.empty(6), np.empty(64))
-    return _play((ints, floats, first), points, parameters, out, start, stop, room)
+    work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
+    return play_in_room((ints, floats, first), points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
     """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
     ints, floats = tape
+    parameters = read_only(parameters)  # as those are that compiled look-ups give
     if len(points) * len(ints) < MANY:
         return bool(play_part(ints, floats, 0, points, parameters, out, 0, len(points)) == 0.0)
     return sum(_share_out(play_part, len(points), ints, floats, 0, points, parameters, out)) == 0.0
@@ -387,10 +410,10 @@ def _direct_bounds(op, room, i, j, k, last, count):
     c, out = room[2 * last : 2 * last + 2], room[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] + b[0, m], a[1, m] + b[1, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], b[0, m], a[1, m], b[1, m])
     elif op == SUB:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] - b[1, m], a[1, m] - b[0, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], -b[1, m], a[1, m], -b[0, m])
     elif op == MUL:
         for m in range(count):
             out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])

@@ -12,7 +12,7 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, over_interval
 from sdhj.kernels.compiling import FEW, UNCOUNTED, inlined, kernel
-from sdhj.kernels.stages import BLOCKS, raise_to
+from sdhj.kernels.stages import BLOCKS
 
 EIGHT = 8  # inputs at a time
 PAST = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
@@ -91,36 +91,21 @@ def _raised(out, wall, highest, level):
     for i in range(out.size):
         below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
     if below > 0:
-        raise_to(out, wall)
+        for i in range(out.size):
+            out[i] = out[i] if out[i] > wall[i] else wall[i]
     return level
-
-
-@_inlined
-def _joined(rest, bit, best, marks, i):
-    """The least value at node i, and marks, with those inputs that are left in `rest`: a row and a level of each."""
-    if len(rest) == 0:
-        return best, marks
-    values, level = rest[0]
-    value = values[i] if values[i] > level else level
-    more = np.int32(marks | (bit if value <= 0 else np.int32(0)))
-    return _joined(rest[1:], np.int32(bit + bit), value if value < best else best, more, i)
 
 
 @kernel(**UNCOUNTED)
 def _join(tube, marks, reach, levels):
     """Add eight inputs to a row; marks in lanes as wide as the values, or the loop would not be vectorised."""
-    inputs = (
-        (reach[0], levels[0]),
-        (reach[1], levels[1]),
-        (reach[2], levels[2]),
-        (reach[3], levels[3]),
-        (reach[4], levels[4]),
-        (reach[5], levels[5]),
-        (reach[6], levels[6]),
-        (reach[7], levels[7]),
-    )
     for i in range(tube.size):
-        tube[i], found = _joined(inputs, np.int32(1), tube[i], np.int32(0), i)
+        best, found = tube[i], np.int32(0)
+        for q in range(EIGHT):
+            value = reach[q, i] if reach[q, i] > levels[q] else levels[q]
+            found = np.int32(found | (np.int32(1 << q) if value <= 0 else np.int32(0)))
+            best = value if value < best else best
+        tube[i] = best
         marks[i] |= np.uint8(found)
 
 

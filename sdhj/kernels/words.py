@@ -34,8 +34,8 @@ def slot_of(number, keys):
 
 
 @kernel(nogil=True)
-def look_up(states, cells, keys, words, within, most, out, missing):
-    """What the words of the cells within STATE_SLACK of each state say, (M, ndim); how many words are missing.
+def look_up(states, cells, slack, keys, words, within, most, out, missing):
+    """What the words of the cells within slack (ndim,) of each state say, (M, ndim); how many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
     united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
@@ -48,7 +48,7 @@ def look_up(states, cells, keys, words, within, most, out, missing):
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
         to_go[m], safe[m], chosen[m], fewest = -1, False, -1, most + 1
-        for k in range(cells_at(states[m], cells, found)):
+        for k in range(cells_at(states[m], cells, slack, found)):
             number = number_of(found[k], cells.counts)
             slot = slot_of(number, keys)
             if keys[slot] == FREE:
@@ -84,11 +84,11 @@ def keep(numbers, some, keys, words):
 
 
 @kernel(nogil=True)
-def cells_near(states, cells, rows, near):
-    """The cells within STATE_SLACK of states (M, ndim), and whose: rows (n,), near (n, ndim); how many they are."""
+def cells_near(states, cells, slack, rows, near):
+    """The cells within slack (ndim,) of states (M, ndim), and whose: rows (n,), near (n, ndim); how many they are."""
     found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
     for m in range(states.shape[0]):
-        for k in range(cells_at(states[m], cells, found)):
+        for k in range(cells_at(states[m], cells, slack, found)):
             rows[count], near[count] = m, found[k]
             count += 1
     return count

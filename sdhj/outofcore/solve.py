@@ -24,10 +24,9 @@ from sdhj.problem.checks import whole
 from sdhj.problem.cost import Cost, Meter, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
-from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.restoring import arrays_of
+from sdhj.problem.problem import ReachAvoidProblem, arrays_of
 from sdhj.solver.avoid import dangers, never_felt
-from sdhj.solver.games import KEPT, Axes
+from sdhj.solver.games import KEPT, Axes, HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import PROCESS, recursion
 from sdhj.solver.resolution import check_crossing, check_resolution
@@ -211,6 +210,9 @@ def task_bytes(plan: Plan) -> int:
 
     middle = plan.span((plan.slabs - 1) // 2)  # whose halos no end of the grid cuts short
     windows, tubes = [around(problem.grid, plan.axis, middle, plan.halo)[0]], 0
+    reaching = plan.method.on(problem)
+    if isinstance(reaching, HJIGames) and reaching.shifted:
+        windows[0] = windows[0].continued(reaching.around[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
         for game in games:

@@ -6,14 +6,14 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import partial, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
@@ -40,9 +40,12 @@ class Velocities:
     gain: FloatArray | None = None
     shape: tuple[int, ...] = ()
 
+    def __post_init__(self) -> None:
+        read_only((self.low, self.high, self.drift, self.gain))
+
     def kept(self) -> "Velocities":
-        """These velocities, which keep what is made of them for the kernels in `terms`, by the layout."""
-        self.__dict__.setdefault("terms", {})
+        """These velocities, which keep what is made of them for the kernels in `_terms`, by the layout."""
+        self.__dict__.setdefault("_terms", {})
         return self
 
     @property
@@ -211,11 +214,11 @@ class Interval:
         state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
         """
         if self.dynamics.stateless:
-            return self._alike
+            return self._alike.copy()  # compiled look-ups take it in place of what they write
         found = (self.ahead_formula or self._ahead)(states, self.begin)
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
-    @cached_property
+    @kept
     def _alike(self) -> FloatArray:
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
@@ -261,7 +264,7 @@ class Interval:
         each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
         return np.stack(each, axis=1)
 
-    @cached_property
+    @kept
     def _always(self) -> FloatArray:
         return self.extremes(self.begin)
 
@@ -304,7 +307,7 @@ class Interval:
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
         return list(least), list(greatest)
 
-    @cached_property
+    @kept
     def speeds(self) -> FloatArray:
         """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])

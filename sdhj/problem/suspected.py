@@ -12,7 +12,7 @@ from sdhj.problem.sets import TargetSet, UnsafeSet
 
 TURNS = {"radians": 2.0 * math.pi, "degrees": 360.0}
 MOST_TURNS = 4  # of an axis in radians; from 30 degrees on an axis in degrees has more
-STATES = 100  # at which functions are compared with themselves a turn on
+TRIED_STATES = 100  # at which functions are compared with themselves a turn on
 ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
@@ -71,7 +71,12 @@ def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
-    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it."""
+    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it.
+
+    Of a black box nothing is known off the grid.
+    """
+    if problem.opaque:
+        return False
     states, depends = _states(problem), False
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
@@ -90,7 +95,7 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
 
 def _states(problem: ReachAvoidProblem) -> FloatArray:
     grid = problem.grid
-    return np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
+    return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:

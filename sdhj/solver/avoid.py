@@ -85,7 +85,7 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
         made.append(np.ascontiguousarray(tubes[(slice(None), slice(None), *inner)]))
     for part in problem.unsafe:
         if id(part) not in felt:
-            warnings.warn(never_felt(part), stacklevel=5)
+            warnings.warn(never_felt(part), stacklevel=6)
     return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima, operations
+from sdhj.problem.boxes import Maxima, maxima, operations, out_of_danger
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, Interval, Velocities
@@ -46,6 +46,8 @@ KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 PIECES_COUNTED = 5  # pieces of an interval at which it is looked what they cost
 A_PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
+BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving frame: errors there fall tenfold per node
+ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
 
@@ -110,6 +112,18 @@ def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[P
     for _, run in groupby(enumerate(reach), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
+
+
+def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
+    """By how many nodes the moving frame goes past the ends of some axes: none but where the drift meets them.
+
+    As far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift leads.
+    """
+    grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
+    farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
+    cells = farthest / grid.spacing
+    meets = drift.any(axis=0) & ~np.array(grid.periodic)
+    return tuple(int(np.ceil(cells[axis])) + BEYOND if meets[axis] else 0 for axis in axes)
 
 
 @dataclass(frozen=True)
@@ -218,30 +232,59 @@ class HJIGames(_OnAxes):
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
-            drift = problem.dynamics.arrays[0][:, self.axes]
-            checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
+            checked_travel(self.grid, np.abs(self.drift).max(axis=0), self.duration)
+
+    @property
+    def drift(self) -> FloatArray:
+        """The velocity under each input along these axes, where it is constant; (L, axes)."""
+        return self.problem.dynamics.arrays[0][:, self.axes]
+
+    @property
+    def push(self) -> FloatArray:
+        """What each component of the disturbance adds to it at most, where that is constant; (axes, D)."""
+        _, gain, bounds = self.problem.dynamics.arrays
+        return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift, because it is constant and along periodic axes only."""
-        dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
-        if self.scheme.frame == "fixed" or not dynamics.constant:
+        """Whether the drift can be solved by a shift: it is constant, and a wall does no more than end the shift.
+
+        A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
+        it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
+        Elsewhere a state that has slid along the wall and left it again is displaced otherwise.
+        """
+        if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
-        return not np.any(dynamics.arrays[0][:, self.axes][:, ~periodic])
+        wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
+        several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
+        coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
+        return not (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0))).any()
+
+    @property
+    def shifted(self) -> bool:
+        """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
+        return self.moving_frame and not self.early
+
+    @cached_property
+    def around(self) -> tuple[Grid, tuple[int, ...]]:
+        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
+
+        Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
+        unsafe one it cannot come, which the avoid games see to.
+        """
+        past = past_ends(self.problem, self.axes)
+        return self.grid.continued(past) if any(past) else self.grid, past
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
-        if self.moving_frame and not self.early:  # else each end that it may have is another shift
-            still = self._evolve(values, 0, step, drift=False)
-            shift = self.problem.dynamics.arrays[0][:, self.axes] * self.duration
-            yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
+        wanted = self.wanted_on(self.axes)
+        if self.shifted:
+            yield from self._shifts(values, step)
+        elif groups := self.groups(self.axes):
+            self.solved += self.count
+            phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
+            yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
-            wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)
-            if groups:
-                self.solved += self.count
-                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
-                yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
-                return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
     def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
@@ -250,9 +293,10 @@ class HJIGames(_OnAxes):
             found = self.formula.operations(axes, step, wall)
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
-        grid, begin = self.problem.grid.subgrid(axes), self.problem.interval(step).begin
-        moving, timed = self.moving_frame and not wall and not self.early, self.problem.dynamics.timed
-        if wall or self.joint or timed:
+        moving, timed = self.shifted and not wall, self.problem.dynamics.timed
+        grid = self.around[0] if moving else self.problem.grid.subgrid(axes)
+        begin = self.problem.interval(step).begin
+        if wall or timed or (self.joint and not moving):
             steps = [self.steps(axes, step)] * self.count
         else:
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
@@ -269,9 +313,20 @@ class HJIGames(_OnAxes):
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
-    def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
+    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+        (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
+        if any(past):
+            values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
+            inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
+            wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         self.solved += 1
-        velocities = self.velocities(j, self.axes, step, drift)
+        still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
+        yield from maxima(grid, still, shift, shift, SHIFT, wanted)
+
+    def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
+        self.solved += 1
+        velocities = self.velocities(j, self.axes, step)
         known = self.counted.get(self.axes)
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
@@ -297,9 +352,11 @@ class HJIGames(_OnAxes):
 
         Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
         the moving frame, and if each component of the disturbance moves one axis only: for others it would use the
-        bounding box of the velocities, and would not converge.
+        bounding box of the velocities, and would not converge. Where the state drifts along bounded axes it takes more
+        pieces of the interval than differences take time steps, and would cost twice as much.
         """
-        return self.moving_frame and not self.problem.dynamics.couples(axes)
+        along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
+        return along and not self.problem.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
@@ -400,9 +457,17 @@ class JointGames(HJIGames):
 
     joint = True
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+    @property
+    def shifted(self) -> bool:
+        """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
+        return super().shifted and not self.problem.unsafe
+
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.grid
+        if self.shifted:
+            yield from self._shifts(values, step)
+            return
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
         unsafe = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
@@ -434,6 +499,7 @@ class HopfLaxGames(_OnAxes):
     """
 
     solved = 0  # a formula in place of PDEs
+    shifted = True  # as `HJIGames.shifted`
 
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None

@@ -34,8 +34,9 @@ class HJI(Options):
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. The joint PDE has no moving frame, because
-        obstacles would move differently in it for each input, so it is as inaccurate as `Scheme(frame="fixed")`.
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE has no
+        moving frame, because they would move differently in it for each input, so it is as inaccurate as
+        `Scheme(frame="fixed")`: it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
 
     Examples
     --------

@@ -109,6 +109,11 @@ class ProjectedGames:
         """PDEs so far, on all subspaces."""
         return sum(games.solved for games in self._games.values())
 
+    @property
+    def shifted(self) -> bool:
+        """As `HJIGames.shifted`, on all subspaces."""
+        return all(self.on(axes).shifted for axes in self.subspaces)
+
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
         """The games on the subspace of some axes."""
         if axes not in self._games:

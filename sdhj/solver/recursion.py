@@ -24,12 +24,14 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
-from sdhj.solver.resolution import check_crossing, check_resolution
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
+from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
 from sdhj.table.batches import Table
-from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
+from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
+STEPS_TOLD = 1, 20, 60  # steps of which a warning says what a table has
 STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
@@ -75,6 +77,28 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: 
     )
 
 
+def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None, stacklevel: int) -> None:
+    """Warn where most of a set that is to be safe for ever was lost while its boundary crept.
+
+    shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
+    """
+    last = max(shares)
+    if creeping is None or shares[creeping] <= 2.0 * shares[last]:
+        return
+    told = [n for n in STEPS_TOLD if n < last]
+    states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
+    moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
+    so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
+    warnings.warn(
+        f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, "
+        f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a cell, and each "
+        "interval wears the set down by the scheme's error. If it is that, a longer delta or more nodes help; or give "
+        f"the problem a number of steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
+        ResolutionWarning,
+        stacklevel=stacklevel + 1,
+    )
+
+
 def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
     """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
 
@@ -111,7 +135,9 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
     wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
-    solved = (12 + kept) * item * max(grid.size, wide) + item * count * wide  # stages with their ghost nodes, copies
+    past = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim
+    most = max(grid.continued(past).size, wide)
+    solved = (12 + kept) * item * most + item * count * wide  # stages with their ghost nodes, copies
     if not dynamics.stateless:  # the velocities of one input at a time
         velocities, times = problem.interval(0).sampling_bytes, 1
         if dynamics.timed:  # of an interval at a time, at each of its time steps
@@ -264,6 +290,8 @@ class GridSets:
         self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
+        self.shares: dict[int, float] = {}  # of the state space, without a number of steps
+        self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
 
     def goal(self, step: int) -> None:
         self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
@@ -286,6 +314,7 @@ class GridSets:
             np.maximum(tube, before, out=tube)
         if endless:
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
+            self.shares[within] = table.fraction(within=within)
 
     def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
@@ -298,7 +327,10 @@ class GridSets:
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
-            return self.table.motion(step, within) <= SETTLED
+            motion = self.table.motion(step, within)
+            if self.creeping is None and motion <= CREEPING:
+                self.creeping = within
+            return motion <= SETTLED and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -309,11 +341,13 @@ class GridSets:
         """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
         table, endless = self.table, self.problem.steps is None
         if endless:
-            share, settled = table.fraction(within=self.filled), self.shared > 0
-            motion = table.motion(0, self.filled)
+            share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)
+            settled = self.shared > 0 or motion <= SETTLED
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)
+            if self.problem.stays:
+                worn_down(self.problem, self.shares, self.creeping, stacklevel=3)
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
@@ -321,6 +355,7 @@ class GridSets:
             "pdes_of_algorithm": pdes,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
+            "shifted": bool(getattr(self.games, "shifted", False)),
         }
         if endless:
             given_up = share - table.fraction(start=0)

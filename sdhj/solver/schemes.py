@@ -30,7 +30,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
-from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, from_planes, stage, to_planes
+from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, stage
 from sdhj.problem.boxes import most_on_rim, out_of_danger
 from sdhj.problem.checks import Options, option
 from sdhj.problem.cost import CALL, tick
@@ -72,9 +72,10 @@ class Scheme(Options):
         Time step as a fraction of the largest stable one, in (0, 1].
     frame : {"moving", "fixed"}
         "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
-        shifted back by interpolation; the avoid games are solved in closed form (`sdhj.solver.hopf_lax`) unless one
-        component of the disturbance moves several axes. Applies if the drift is constant and along periodic axes only.
-        "fixed", and otherwise: finite differences for everything.
+        shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
+        moves several axes, one of them with a wall, and is stronger there than the drift. If the drift is along
+        periodic axes only, and each component moves one axis, the avoid games are solved in closed form
+        (`sdhj.solver.hopf_lax`). "fixed", and otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
     Examples
@@ -150,12 +151,22 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
-    rows, planes = layout.rows + 2 * layout.top, layout.near.shape[0]
+    rows, planes, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
-    # a copy where they are of another type or may not be written to, for which the kernel would be compiled once more
-    given = np.require(values, dtype, ("C", "W"))
-    to_planes(given.reshape(planes, layout.rows, layout.nodes), out, layout)
+    inner = out[:, layout.top : rows - layout.top]
+    inner[:, :, g:-g] = values.reshape(planes, layout.rows, layout.nodes)
+    inner[:, :, :g] = inner[:, :, -2 * g : -g] if layout.periodic else inner[:, :, g : g + 1]
+    inner[:, :, -g:] = inner[:, :, g : 2 * g] if layout.periodic else inner[:, :, -g - 1 : -g]
+    for row in [*range(layout.top), *range(rows - layout.top, rows)]:
+        out[:, row] = inner[:, layout.source[row]]
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
+
+
+def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
+    """Copy values without ghost nodes into the flat array `out`."""
+    planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
+    rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
+    out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
 
 
 def _field(
@@ -173,7 +184,7 @@ def _field(
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Velocities as `stage` reads them."""
-    if (terms := vars(velocities).get("terms")) is None:
+    if (terms := vars(velocities).get("_terms")) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
         known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
@@ -320,8 +331,7 @@ def _evolved(
         np.maximum(phi, wall(0.0), out=phi)
     phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
-    planes = phi.reshape(-1, layout.rows + 2 * layout.top, layout.width)
-    from_planes(planes, inner.reshape(-1, layout.rows, layout.nodes), layout)
+    _inner(layout, phi, inner)
     return inner.reshape(count, *grid.shape)
 
 

@@ -10,7 +10,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import states_array
 
 SHOWN = 6  # inputs
-LOOKS = 21  # instants of an interval at which is looked for what an input comes near
+INSTANTS_TRIED = 21  # instants of an interval at which is looked for what an input comes near
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     return ""
 
 
-def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
+def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """See `sdhj.table.batches.Table.explain`."""
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
@@ -153,7 +153,7 @@ def _nearest(table: Any, state: FloatArray, low: FloatArray, high: FloatArray, s
     problem, grid = table.problem, table.grid
     corners = np.array(list(product((0.0, 1.0), repeat=grid.ndim)))
     best = np.inf, "the unsafe ends of the grid", 0.0
-    for s in np.linspace(0.0, 1.0, LOOKS).tolist():
+    for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
         points, t = state + s * (low + corners * (high - low)), problem.time(step) + s * problem.delta
         for part in problem.unsafe:
             level = float(problem.value_of(part, grid.clipped(points), t).min())

@@ -14,7 +14,6 @@ import toys
 
 import sdhj
 from sdhj.certified.export import FIELDS, STATUS
-from sdhj.kernels.packed import STATE_SLACK
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
 STRICT = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror"]
@@ -84,7 +83,7 @@ def states_of(table, count, seed=0):
     lower, upper = np.array(grid.lower), np.array(grid.upper)
     states = rng.uniform(lower - 0.02 * (upper - lower), upper + 0.02 * (upper - lower), (count, grid.ndim))
     on = np.stack([rng.choice(axis.edges(), count) for axis in table.axes], axis=1)
-    beside = rng.choice([0.0, 1e-11, 9.9e-11, STATE_SLACK, 1.1e-10, 1.9e-10], states.shape)
+    beside = rng.choice([0.0, 0.1, 0.99, 1.0, 1.01, 1.9], states.shape) * table.proof.shell
     on += beside * rng.choice([-1.0, 1.0], states.shape)
     states = np.where(rng.random(states.shape) < 0.4, on, states)
     laps = rng.integers(-3, 4, states.shape) * np.where(grid.periodic, upper - lower, 0.0)

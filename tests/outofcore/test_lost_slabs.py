@@ -278,7 +278,7 @@ def test_what_is_not_solved_out_of_core_is_refused(problem, tmp_path):
     def solve(given, method="hji", **options):
         return sdhj.solve(given, method, store=tmp_path / "t.zarr", **options)
 
-    timed = sdhj.Dynamics(problem.inputs, lambda u, t: u * np.cos(t), np.eye(2), [0.4, 0.4])
+    timed = sdhj.Dynamics(problem.inputs, lambda q, u, t: u * np.cos(t), np.eye(2), [0.4, 0.4])
     still = replace(problem, unsafe=(), target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(*p.T) - 0.8))
     safe = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [9, 9], ends=["safe", "wall"])
     fence = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.4)

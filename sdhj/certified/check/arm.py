@@ -17,7 +17,19 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    Sensing,
+    Sets,
+    array,
+    decimal,
+    expect,
+    is_whole,
+    real,
+    reals,
+    sizes,
+)
+from sdhj.certified.check.recipe import expect_recipe
 from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
@@ -138,6 +150,7 @@ class Arm(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
+        expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
@@ -151,6 +164,11 @@ class Arm(Sets):
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
+
+    @staticmethod
+    def needs(arrays: h5py.File) -> int:
+        """Bytes that a check takes: of the sets three copies, of the flags, which are packed, a byte each."""
+        return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""

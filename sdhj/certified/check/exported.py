@@ -27,6 +27,7 @@ from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.reading import expect
 from sdhj.certified.check.robots import Robot
 from sdhj.certified.check.rows import Stored, words_hold
+from sdhj.certified.check.separation import STATE_ERROR
 
 MAGIC, HEAD = b"sdhjcell", 560
 FIELDS = ("steps", "select", "safe", "filter", "clear")
@@ -47,8 +48,8 @@ class Words:
         expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
         self.counts, self.sides, periodic, _ = np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
         self.periodic, reals = periodic.astype(bool), np.frombuffer(data, "<f8", 38, 256)
-        self.lower, self.width, self.length, self.error = reals[:24].reshape(4, 6)[:, :ndim]
-        self.delta, self.slack = reals[36:]
+        self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
+        self.delta = reals[36]
         expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
         self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
         number, cells = math.prod(self.blocks.tolist()) * self.starts, math.prod(self.sides.tolist())
@@ -123,7 +124,7 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
     """In what the exported table is of another one than the sets of a file."""
-    world = sets.edges
+    world, near = sets.edges, np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near
     periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
@@ -135,7 +136,7 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         "steps": (words.steps, head["steps"]),
         "starts": (words.starts, 1 if timeless and not isinstance(sets, Arm) else words.steps + 1),
         "delta": (float(words.delta), float(head["delta"])),
-        "slack": (float(words.slack), 1e-10),
+        "slack": (bool((words.slack <= near * (1 + 1e-12)).all()), True),
         "error": (
             words.error.tolist(),
             np.broadcast_to(head.get("sensing", {}).get("error", 0.0), len(words.counts)).tolist(),
