@@ -34,17 +34,17 @@ def slot_of(number, keys):
 
 
 @kernel(nogil=True)
-def look_up(states, cells, slack, keys, words, within, most, out, missing):
+def look_up(states, cells, slack, kept, within, most, out, missing):
     """What the words of the cells within slack (ndim,) of each state say, (M, ndim); how many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
     united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
 
-    keys (K,), words (K, 2 + ...): what is kept. out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where
+    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where
     there is nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as
     fit.
     """
-    (to_go, safe, chosen), lacks = out, 0
+    (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
         to_go[m], safe[m], chosen[m], fewest = -1, False, -1, most + 1
