@@ -40,6 +40,7 @@ if not (_threads := os.environ.get("NUMBA_NUM_THREADS", "1")).isdecimal() or not
     del os.environ["NUMBA_NUM_THREADS"]
 
 from sdhj.arm.case_studies import arm_case_study, evader_case_study
+from sdhj.certified.export import export_c
 from sdhj.certified.sets import Certified
 from sdhj.formulas.formula import BlackBox, complement, intersection, union
 from sdhj.formulas.gridded import gridded
@@ -80,6 +81,7 @@ __all__ = [
     "complement",
     "estimate",
     "evader_case_study",
+    "export_c",
     "gridded",
     "intersection",
     "load",

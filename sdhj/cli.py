@@ -5,9 +5,11 @@ import json
 import os
 import re
 import reprlib
+import runpy
 import signal
 import sys
 import time
+import traceback
 import uuid
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -25,12 +27,14 @@ import numpy as np
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.arm.workspace import KINEMATICS
 from sdhj.certified.check import verify as check
+from sdhj.certified.export import FIELDS, export_c
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
+from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
@@ -38,8 +42,17 @@ from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
-from sdhj.table.controller import Controller
-from sdhj.table.files import TEMPORARIES, VERSION, arrays_in, checked_head, header, opened, writable_file
+from sdhj.table.controller import RULES, Controller
+from sdhj.table.files import (
+    TEMPORARIES,
+    VERSION,
+    arrays_in,
+    checked_head,
+    header,
+    opened,
+    replaced_whole,
+    writable_file,
+)
 
 
 def stop(number: int, frame: FrameType | None) -> None:
@@ -103,33 +116,60 @@ def main() -> None:
 
 
 @main.command("solve")
-@click.option("--nodes", default=25, help="Nodes on each axis.")
-@click.option("--steps", default=8, help="N, the number of sampling intervals.")
+@click.argument("robot", required=False)
+@click.option("--nodes", type=int, help="Of the arm: nodes on each axis.  [default: 25]")
+@click.option("--steps", type=int, help="Of the arm: N, the number of sampling intervals.  [default: 8]")
 @click.option("--method", default="hji", type=METHOD, help="The method that solves the games.")
-@click.option("--view-time", default="swept", type=VIEWS, help="How moving obstacles are treated within an interval.")
-@click.option("--kinematics", default="relative", type=READINGS, help="The textbook arm, or Eq. (8) as printed.")
+@click.option("--view-time", type=VIEWS, help="Of the arm: how moving obstacles are treated within an interval.")
+@click.option("--kinematics", type=READINGS, help="Of the arm: the textbook's, or Eq. (8) as printed.")
 @click.option("--cells", help="With --method certified: the number of cells on each axis, separated by commas.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The file to write or replace.")
+@click.option("--seconds", type=float, help="With --method certified: about what a solve may take, to choose cells.")
+@click.option(
+    "--store", type=click.Path(path_type=Path), help="A folder for a table larger than memory, in place of -o."
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="The file to write or replace.")
 @plainly
 def solve_command(
-    nodes: int, steps: int, method: str, view_time: str, kinematics: str, cells: str | None, output: Path
+    robot: str | None,
+    method: str,
+    cells: str | None,
+    seconds: float | None,
+    store: Path | None,
+    output: Path | None,
+    **of_the_arm: Any,
 ) -> None:
-    """Solve the arm case study and write its look-up table."""
-    if cells is not None and method != "certified":
-        raise ValueError(f"--cells needs --method certified, got --method {method}; leave out one of them")
-    counts = None if cells is None else numbers("cells", cells, int)
-    writable_file(output)
-    problem = arm_case_study(nodes=nodes, steps=steps, view_time=view_time, kinematics=kinematics)
-    table = solve(problem, Certified(cells=counts) if method == "certified" else method)
-    try:
-        table.save(output)
-    except OSError as error:  # as on a full disk
-        kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
-        table.save(kept)
-        raise Refusal(f"{error}; the table was saved as {kept} instead") from error
-    name = click.format_filename(output)
-    share, seconds = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(f"{name}: target reachable from {share:.1%} of C within {steps} steps; solved in {seconds:.1f} s")
+    """Solve a robot's problem, or the arm's case study, and write its table.
+
+    ROBOT is module:name or file.py:name, of a problem or of a function that returns one; by default the paper's arm.
+    """
+    for option, value in (("cells", cells), ("seconds", seconds)):
+        if value is not None and method != "certified":
+            raise ValueError(f"--{option} needs --method certified, got --method {method}; leave out one of them")
+    if (output is None) == (store is None):
+        raise ValueError("give -o, the file to write, or --store, a folder for a table larger than memory")
+    chosen: Any = method
+    if method == "certified":
+        counts = None if cells is None else numbers("cells", cells, int)
+        chosen = Certified(cells=counts) if seconds is None else Certified(cells=counts, seconds=seconds)
+    if output is not None:
+        writable_file(output)
+    given = {name: value for name, value in of_the_arm.items() if value is not None}
+    if robot is not None and given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ValueError(f"{options} is of the arm's case study; state it in the problem of {robot}")
+    problem = arm_case_study(**({"nodes": 25, "steps": 8} | given)) if robot is None else user_problem(robot, "ROBOT")
+    table = solve(problem, chosen, store=store)
+    if output is not None:
+        try:
+            table.save(output)
+        except OSError as error:  # as on a full disk
+            kept = Path(gettempdir()) / f"sdhj-{uuid.uuid4().hex}.h5"
+            table.save(kept)
+            raise Refusal(f"{error}; the table was saved as {kept} instead") from error
+    name, steps = click.format_filename(cast(Path, output or store)), table.steps
+    what = "stays clear" if problem.stays else "target reachable"
+    share, took = table.fraction(start=0, within=steps), table.details["seconds"]
+    click.echo(f"{name}: {what} from {share:.1%} of C within {steps} steps; solved in {took:.1f} s")
 
 
 @main.command("simulate")
@@ -152,8 +192,13 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
     if state.size != controller.problem.grid.ndim or not np.isfinite(state).all():
         raise ValueError(f"--start must be {controller.problem.grid.ndim} finite numbers, got {reprlib.repr(start)}")
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
-    for t, at in zip(trajectory.times, trajectory.states, strict=True):
-        click.echo(f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at))
+    inputs, held = controller.problem.inputs, len(trajectory.states) // max(len(trajectory.inputs), 1)
+    for place, (t, at) in enumerate(zip(trajectory.times, trajectory.states, strict=True)):
+        line = f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at)
+        if held and place % held == 0 and place // held < len(trajectory.inputs):
+            j = int(trajectory.inputs[place // held])
+            line += f"  input {j}: ({', '.join(format(u, 'g') for u in inputs[j])})"
+        click.echo(line)
     click.echo(f"outcome: {outcome_name(trajectory.outcome, controller.problem.stays)}")
 
 
@@ -235,36 +280,192 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     help="Check so many random cells (of the arm, pairs of them), with Arb's arithmetic if sdhj[arb] is there; 0: all.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
-@click.option("--problem", help="module:function that returns the problem, of a table with black boxes.")
+@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@click.option("--table", "of_folder", type=click.Path(path_type=Path), help="Of the folder of an export: its table.")
 @click.pass_context
 @plainly
-def verify_command(context: click.Context, table: Path, samples: int, seed: int, problem: str | None) -> None:
-    """Check every claim of a certified table again."""
+def verify_command(
+    context: click.Context, table: Path, samples: int, seed: int, problem: str | None, of_folder: Path | None
+) -> None:
+    """Check every claim of a certified table again, or with --table those of the folder of an export."""
+    exported = None
+    if of_folder is not None:
+        exported, table = (table / "sdhj_table.bin" if table.is_dir() else table), of_folder
+    elif (table / "sdhj_table.bin").is_file():
+        raise ValueError(f"{table} is the folder of an export; give the table that it was made of: --table table.h5")
+    context.exit(0 if checked(table, problem, samples, seed, exported) else 1)
+
+
+def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, exported: Path | None = None) -> bool:
+    """Whether all claims of a table's file, and of one exported from it, are proved; says which."""
     if header(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
         raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
-    began, given = time.perf_counter(), user_problem(problem)
+    began, given = time.perf_counter(), None if problem is None else user_problem(problem)
     if given is not None:
         load(table, problem=given)  # which compares: what is proved of another problem says nothing of the file's
-    report = check(table, given, samples=samples or None, seed=seed)
+    report = check(table, given, samples=samples or None, seed=seed, exported=exported)
     click.echo(f"{report}\ntook {time.perf_counter() - began:.1f} s")
-    context.exit(0 if report.ok else 1)
+    return report.ok
 
 
-def user_problem(name: str | None) -> Any:
-    """Return what module:function returns; the module may lie in the current folder."""
-    if name is None:
-        return None
-    if not re.fullmatch(r"[\w.]+:\w+", name):
-        raise ValueError(f"--problem must be module:function, got {name!r}")
-    sys.path.insert(0, "")
+def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
+    """The problem of module:name or file.py:name, or what a function of that name returns."""
+    place, _, what = name.rpartition(":")
+    if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
+        raise ValueError(f"{option} must be module:name or file.py:name, of a problem, got {name!r}")
+    sys.path.insert(0, "")  # the module may lie in the current folder
     try:
-        problem = resolve_name(name)()
+        if place.endswith(".py"):
+            sys.path.insert(0, str(Path(place).resolve().parent))
+            found = runpy.run_path(place)[what]
+        else:
+            found = resolve_name(name)
+        problem = found if isinstance(found, ReachAvoidProblem) else found()
     except Exception as error:  # user code can raise anything
-        raise ValueError(f"calling --problem {name} failed with {type(error).__name__}: {error}") from error
+        if isinstance(error, KeyError) and error.args == (what,):
+            raise ValueError(f"{option} {name}: there is no {what} in it") from error
+        where = _line_of(error, place)
+        raise ValueError(f"{option} {name} failed with {type(error).__name__}: {error}{where}") from error
     if not isinstance(problem, ReachAvoidProblem):
-        raise ValueError(f"--problem {name} must return a ReachAvoidProblem, got {reprlib.repr(problem)}")
+        raise ValueError(f"{option} {name} must be or return a ReachAvoidProblem, got {reprlib.repr(problem)}")
     return problem
+
+
+def _line_of(error: Exception, place: str) -> str:
+    """Where in a user's file an error comes from."""
+    lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(Path(place).name)]
+    return f" (line {lines[-1]} of {place})" if lines and place.endswith(".py") else ""
+
+
+@main.command("export")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder to write to.")
+@click.option("--rule", type=click.Choice([*RULES, "small"]), help="Which proved input the robot applies.")
+@click.option("--only", help=f"What the file answers, some of {','.join(FIELDS)}: less is smaller.")
+@click.option(
+    "--brake", type=click.IntRange(0), help="The input to apply where nothing is proved; by default the least."
+)
+@click.option("--check", "check_it", is_flag=True, help="Prove the table and the file, as `sdhj verify` does.")
+@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@click.pass_context
+@plainly
+def export_command(
+    context: click.Context,
+    table: Path,
+    output: Path,
+    rule: str | None,
+    only: str | None,
+    brake: int | None,
+    check_it: bool,
+    problem: str | None,
+) -> None:
+    """Write a certified table for a robot, as C99."""
+    read = load(table, problem=None if problem is None else user_problem(problem))
+    fields = tuple(only.split(",")) if only else FIELDS
+    done = export_c(cast(Any, read), output, rule=rule, only=fields, brake=brake)
+    click.echo(f"{output}: sdhj_table.bin, {done.nbytes:,} bytes of flash; sdhj.h, sdhj_robot.h: 5 kB of code")
+    click.echo(
+        f"  stack: some {STACK} bytes; a look-up loads 4 numbers of a cell, of {2**read.grid.ndim} cells, twice, on "
+        "edges of all axes"
+    )
+    if check_it and not checked(table, problem, exported=output / "sdhj_table.bin"):
+        context.exit(1)
+
+
+STACK = 300  # bytes at most, of gcc on x86-64
+
+
+@main.command("explain")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.argument("state")
+@click.option("--step", default=0, type=click.IntRange(0), help="k, the step at which the robot is there.")
+@click.option("--within", type=click.IntRange(0), help="n, the steps to go.  [default: all that are left]")
+@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@plainly
+def explain_command(table: Path, state: str, step: int, within: int | None, problem: str | None) -> None:
+    """Say why a table promises a STATE, numbers separated by commas, or does not."""
+    read: Any = load(table, problem=None if problem is None else user_problem(problem))
+    click.echo(str(read.explain(np.array(numbers("state", state)), step, within)))
+
+
+@main.command("plot")
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The PNG or SVG to write.")
+@click.option("--axes", help="The two axes of the slice by name, separated by a comma.  [default: the first two]")
+@click.option("--at", multiple=True, help="Where the slice is on another axis: name=number.  [default: the middle]")
+@click.option("--step", default=0, type=click.IntRange(0), help="k, the step of the tubes.")
+@click.option("--start", help="Draw a run from this state, numbers separated by commas, in place of the tubes.")
+@click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="Of the run.")
+@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@plainly
+def plot_command(
+    table: Path,
+    output: Path,
+    axes: str | None,
+    at: tuple[str, ...],
+    step: int,
+    start: str | None,
+    adversary: str,
+    problem: str | None,
+) -> None:
+    """Draw the tubes of a table on a slice, or a run."""
+    from sdhj import plotting
+
+    if output.suffix not in (".png", ".svg"):
+        raise ValueError(f"-o must end in .png or .svg, got {output}")
+    writable_file(output)
+    read = load(table, problem=None if problem is None else user_problem(problem))
+    along, through = slice_of(read.grid, axes, at)
+    with plotting.style():
+        figure = plotting.new_figure(4.2, 3.8)
+        ax = figure.subplots()
+        if start is None:
+            plotting.draw_tubes(ax, read, through=through, start=step, axes=along)
+            rest = [axis for axis in range(read.grid.ndim) if axis not in along]
+            ax.set_title(", ".join(f"{read.grid.names[axis]} = {through[axis]:g}" for axis in rest))
+        else:
+            run = simulate(Controller(read), np.array(numbers("start", start)), adversary=adversary)
+            plotting.draw_run(ax, read, run, axes=along)
+            click.echo(f"outcome: {outcome_name(run.outcome, read.problem.stays)}")
+        with replaced_whole(output) as temporary:
+            figure.savefig(temporary)
+    click.echo(f"{output}: {' and '.join(read.grid.names[axis] for axis in along)} of {read.problem.name!r}")
+
+
+def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int], FloatArray]:
+    """The two axes that --axes names, and the state that --at says, in the middle of all other axes."""
+    if grid.ndim < 2:
+        raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
+
+    def axis_of(name: str) -> int:
+        if name.strip() not in grid.names:
+            raise ValueError(f"there is no axis {name.strip()!r}; the axes are {', '.join(grid.names)}")
+        return list(grid.names).index(name.strip())
+
+    along = [axis_of(name) for name in axes.split(",")] if axes else [0, 1]
+    if len(along) != 2:
+        raise ValueError(f"--axes must be two names separated by a comma, got {axes!r}")
+    through = np.add(grid.lower, grid.upper) / 2
+    for one in at:
+        name, _, value = one.partition("=")
+        (through[axis_of(name)],) = numbers("at", value)
+    return along, through
+
+
+@main.command("new")
+@click.argument("file", type=click.Path(path_type=Path))
+@plainly
+def new_command(file: Path) -> None:
+    """Write a commented robot to begin with, to FILE, for example car.py."""
+    if file.suffix != ".py":
+        raise ValueError(f"a robot is a Python file, such as car.py, got {file}")
+    if file.exists():
+        raise ValueError(f"{file} exists; choose another name")
+    with replaced_whole(file) as temporary:
+        temporary.write_text(Path(__file__).with_name("new_robot.txt").read_text(encoding="utf-8"), encoding="utf-8")
+    table = file.with_suffix(".h5")
+    click.echo(f"{file}: a car that you can change. Next: sdhj solve {file}:problem --method certified -o {table}")
 
 
 @main.command()

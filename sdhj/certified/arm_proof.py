@@ -120,11 +120,11 @@ class ArmProof(Proof):
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
-        self, states: FloatArray, step: int, index: FloatArray, following: FloatArray, pool: FloatArray
+        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
     ) -> FloatArray:
         """See `GeneralProof.inputs`."""
-        out = np.empty((len(states), self.motion.parts.size), np.bool_)
-        arm_inputs(states, step, self.cells, self.shell, self.motion, index, following, pool, out)
+        out = among.copy()
+        arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
         return out
 
     @property

@@ -130,14 +130,14 @@ class GeneralProof(Images):
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
-        self, states: FloatArray, step: int, index: FloatArray, following: FloatArray, pool: FloatArray
+        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
     ) -> FloatArray:
-        """Which inputs are certified for states (M, ndim), bool (M, L); S_k^n and S_{k+1}^{n-1} as blocks of a pool."""
-        out = np.empty((len(states), len(self.problem.inputs)), np.bool_)
-        clear = self.clear[min(step, len(self.clear) - 1)]
-        certified_inputs(
-            np.ascontiguousarray(states), self.cells, self.shell, self.moves(step), clear, following, pool, out
-        )
+        """Which of some inputs (M, L) are certified for cells (M, ndim) and steps to go (M,), bool (M, L).
+
+        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear.
+        """
+        out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
+        certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
         return out
 
     @property

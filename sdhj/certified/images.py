@@ -102,7 +102,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 class Proof:
     """What the proofs of all problems have: the problem, its cells, and how many parts an interval is cut into.
 
-    The recursion and the table ask a proof for `prepare`, `goal`, `add`, `image`, `clear_inputs` and `inputs`.
+    The recursion and the table ask a proof for `prepare`, `goal`, `add`, `image`, `places` and `inputs`.
     """
 
     problem: ReachAvoidProblem
@@ -110,10 +110,9 @@ class Proof:
     parts: int
     inputs: ClassVar[Any]  # a method of each
 
-    def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
-        """Which inputs are proved to stay clear from the cells of states (M, ndim): bool (M, L)."""
-        nothing, none = read_only((np.empty(0, np.uint32), np.empty((0, 0), np.uint64)))
-        return self.inputs(states, step, nothing, nothing, none)
+    def places(self, some: FloatArray) -> FloatArray:
+        """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
+        return np.zeros(len(some), np.int64)
 
     @property
     def rows(self) -> int:
@@ -226,6 +225,9 @@ class Images(Proof):
         """Those of the interval from a step."""
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.past)
+
+    def places(self, some: FloatArray) -> FloatArray:
+        return np.asarray(some @ self.strides)
 
     def image(self, cell: FloatArray, j: int, step: int) -> Ends:
         """The first and the last cell (ndim,) of what a cell can lead to under u_j."""

@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
@@ -16,9 +16,11 @@ from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
+from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
-from sdhj.problem.checks import number, real_array, states_array
+from sdhj.kernels.words import cells_near, fewest_of_cells
+from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
@@ -156,10 +158,52 @@ class CertifiedTable(Table):
         A state in a certified cell has at least one such input, except for within = 0; any other state has none.
         """
         place, within = self.place(step, within), min(within, self.steps - step)
-        if within == 0:
-            return np.zeros((len(states), len(self.problem.inputs)), np.bool_)
-        following = self.index[self.place(step + 1, within - 1)]
-        return self.proof.inputs(states, step, self.index[place], following, self.pool)
+
+        def asked(cells: FloatArray) -> FloatArray:
+            held = np.empty(len(cells), np.int64)
+            fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
+            return self.inputs_of(cells, np.where(held == 0, within, 0), step)
+
+        return self._united(states, asked)
+
+    def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """What is true (n, L) of any of the cells (n, ndim) of each of the states (M, ndim): bool (M, L)."""
+        states, ndim = np.ascontiguousarray(states), len(self.axes)
+        rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
+        count, out = (
+            cells_near(states, self.cells, self.proof.shell, rows, cells),
+            np.zeros((len(states), len(self.problem.inputs)), bool),
+        )
+        np.logical_or.at(out, rows[:count], asked(cells[:count]))
+        return out
+
+    def fewest(self, cells: FloatArray, step: int) -> FloatArray:
+        """`steps_to_go` of all states of cells (M, ndim): (M,)."""
+        last, out = self.place(step, self.steps), np.empty(len(cells), np.int64)
+        first = last if self.problem.stays else self.place(step, 0)
+        fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
+        return out * (self.steps - step + 1) if self.problem.stays else out
+
+    def inputs_of(self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None) -> FloatArray:
+        """Which inputs (M, L) are certified from all states of cells (M, ndim) for steps to go (M,), none where 0.
+
+        among (M, L): the inputs that are asked about.
+        """
+        among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
+        if step == self.steps:
+            return np.zeros_like(among)
+        sets = self.index[self.place(step + 1, 0) : self.place(step + 1, self.steps) + 1]
+        return self.proof.inputs(cells, ahead, step, sets, self.pool, among)
+
+    def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
+        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
+        every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
+        return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every)
+
+    def centres(self, cells: FloatArray) -> FloatArray:
+        """The states (M, ndim) in the middle of cells (M, ndim)."""
+        edges = [axis.edges() for axis in self.axes]
+        return np.stack([(one[k] + one[k + 1]) / 2 for one, k in zip(edges, cells.T, strict=True)], axis=1)
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 inside."""
@@ -183,35 +227,50 @@ class CertifiedTable(Table):
 
         How clear is measured by the level-set functions where the input leads without an adversary; it proves nothing.
         """
-        clear = self.proof.clear_inputs(states, step)
+        clear = self.words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
-    def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """Only certified inputs are safe.
+    def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
+        """As `Table.answers`, from the words of the states' cells. Only certified inputs are safe.
 
-        The margin of a certified input is the steps to go of the undisturbed successor minus those that are allowed, at
-        most 0; lower margins reach the target sooner. It is +inf for other inputs. In the target there may be no input
-        that is proved to bring the state back into it one step later.
+        `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
+        target there may be no input that is proved to bring the state back into it one step later.
         """
-        states, step = batch.states[rows], batch.step
-        to_go, safe = self.steps_to_go(states, step), np.zeros((len(rows), len(self.problem.inputs)), np.bool_)
-        to_go[to_go > self.steps - step] = NOT_ADMISSIBLE
-        ahead = np.where(to_go < 0, to_go, np.maximum(to_go, batch.within))  # in the target: what brings q back into it
-        for within in np.unique(ahead[ahead > 0]):
-            safe[ahead == within] = self.certified_inputs(states[ahead == within], step, int(within))
-        margins = np.full(safe.shape, np.inf)
-        pairs, inputs = np.nonzero(safe)
-        if pairs.size:
-            moves = self.problem.interval(step).displacements(states)
-            moved = states[pairs] + moves[pairs if len(moves) > 1 else 0, inputs]
-            after = self.steps_to_go(self.grid.clipped(moved), step + 1)
-            after[self.grid.beyond(moved, "safe")] = 0  # out of danger for good
-            margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
-        batch.steps_to_go[rows], batch.safe[rows], batch.margins[rows] = to_go, safe, margins
-        batch.best[rows] = np.where(safe.any(axis=1), margins.argmin(axis=1), NOT_ADMISSIBLE)
+        step = whole("step", step, least=0, most=self.steps)
+        left = self.steps - step
+        within = left if self.problem.stays else min(within, left)
+        rule = "deepest" if scores is None else None
+        to_go, safe, best = self.words.look(self, states, step, within, rule)
+        if self.problem.stays:
+            to_go[to_go >= 0] = left
+        if scores is not None:
+            best = np.where(best < 0, NOT_ADMISSIBLE, np.where(safe, scores, np.inf).argmin(axis=1))
+        batch = ProvedBatch(states, step, within, to_go, safe, None, best)  # type: ignore[arg-type]  # when it is read
+        batch.table = self
+        return batch
+
+    def chosen(self, batch: Batch, rule: str) -> FloatArray:
+        """What a built-in rule prefers at the centres of the cells of a batch, (M,); -1 is none."""
+        return (
+            batch.best.copy()
+            if rule == "deepest"
+            else self.words.look(self, batch.states, batch.step, batch.within, rule)[2]
+        )
+
+    def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
+        found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
+        return np.where(batch.safe.any(axis=1), found, batch.best)
+
+    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+        return np.ones(len(inputs), np.bool_)
+
+    @cached_property
+    def words(self) -> Words:
+        """The words of the cells that were asked for."""
+        return Words()
 
     def bits(self, *, start: int, within: int) -> FloatArray:
         """Which cells are in the set S_start^within, bool of shape `shape`: 900 million for the arm by default."""

@@ -12,7 +12,7 @@ from numba import prange
 from sdhj.kernels import FloatArray, links
 from sdhj.kernels.compiling import kernel
 from sdhj.kernels.links import CONTACT_MARGIN, LINKS, Agent
-from sdhj.kernels.packed import BIT, FULL, cells_at, has_bit, has_bits, row_and_bit, set_bits
+from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 
 class Disks(NamedTuple):
@@ -207,7 +207,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
                     set_bits(out[i1, i2], bit, bit + 1)
 
 
-# ---- the inputs of a state
+# ---- the inputs of a cell
 
 
 @kernel()
@@ -260,23 +260,15 @@ def pursuer_meets(cell, j, motion, room, block):
 
 
 @kernel(nogil=True)
-def arm_inputs(states, step, cells, slack, motion, index, following, pool, out):
-    """The inputs certified for states (M, 4): out (M, L) bool, overwritten.
-
-    index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks. Where the pool is empty:
-    inputs that are safe.
-    """
-    room, found = links.make_room(), np.empty((16, 4), np.int64)
+def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
+    """The inputs certified for some cells (M, 4) and steps to go (M,), as `certified_inputs` says: out (M, L) bool."""
+    room = links.make_room()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
-    out[:] = False
-    for m in range(len(states)):
-        for k in range(cells_at(states[m], cells, slack, found)):
-            cell = found[k]
-            row, bit = row_and_bit(cell, cells)
-            if pool.size > 0 and not has_bit(pool[index[row]], bit):
-                continue
-            for j in range(out.shape[1]):
-                if out[m, j] or not motion.allowed[step, j, cell[0], cell[1]]:
-                    continue
-                if pool.size == 0 or image_certified(cell, j, motion, cells, following, pool):
-                    out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, room, block))
+    for m in range(len(some)):
+        cell, following = some[m], max(min(ahead[m], len(sets)) - 1, 0)
+        for j in range(out.shape[1]):
+            out[m, j] = out[m, j] and ahead[m] > 0 and motion.allowed[step, j, cell[0], cell[1]]
+            if out[m, j] and len(sets) > 0:
+                out[m, j] = image_certified(cell, j, motion, cells, sets[following], pool)
+            if out[m, j]:
+                out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, room, block))

@@ -14,6 +14,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 
 STATE_SLACK = 1e-10  # of the largest coordinate of an axis (of the arm: m, rad): see sdhj.certified.sets
+MOST_LAPS = 1e9  # of a periodic axis: farther away numbers do not tell cells apart
 TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
 FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 BIT = np.uint64(1)
@@ -161,13 +162,15 @@ def add_certified(cells, first, number, allowed, clear, out):
 def cells_at(state, cells, slack, found):
     """The cells within slack (ndim,) of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
 
-    None off a bounded axis.
+    None off a bounded axis, or `MOST_LAPS` of a periodic one away.
     """
     held = 1
     for axis in range(state.size):
         count, length, width = cells.counts[axis], cells.length[axis], cells.width[axis]
         offset = state[axis] - cells.lower[axis]
         if cells.periodic[axis]:
+            if not abs(offset / length) <= MOST_LAPS:
+                return 0
             offset -= length * math.floor(offset / length)
         elif offset < -slack[axis] or offset > length + slack[axis]:
             return 0

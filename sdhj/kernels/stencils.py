@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, cells_at, has_bit, has_bits, row_and_bit, shifted_word
+from sdhj.kernels.packed import BIT, has_bit, has_bits, row_and_bit, shifted_word
 
 
 class Moves(NamedTuple):
@@ -479,21 +479,23 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 
 @kernel(nogil=True)
-def certified_inputs(states, cells, slack, moves, clear, index, pool, out):
-    """Inputs that are safe and lead into a set with rows pool[index], of all cells within slack (ndim,) of each state.
+def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
+    """Inputs that are safe from some cells (M, ndim) and lead into a set with a step less than `ahead` (M,) to go.
 
-    clear (cells, bytes); out (M, L) bool, overwritten. Where the pool is empty: inputs that are safe.
+    clear (cells, bytes); sets (n, R): the rows of those with 0, 1, ... steps to go, all later ones the last one; where
+    there are none, inputs that are safe. out (M, L) bool: the inputs that are asked about; in place.
     """
-    ndim = states.shape[1]
-    found, room = np.empty((1 << ndim, ndim), np.int64), np.empty((3, ndim), np.int64)
-    out[:] = False
-    for m in range(states.shape[0]):
-        for k in range(cells_at(states[m], cells, slack, found)):
-            cell = found[k]
-            row, bit = row_and_bit(cell, cells)
-            safe, place = clear[row * cells.counts[-1] + bit], np.sum(cell * moves.strides)
-            for j in range(out.shape[1]):
-                if (safe[j >> 3] >> (j & 7)) & 1 and not out[m, j]:
-                    out[m, j] = pool.size == 0 or image_inside(
-                        cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, index, pool, room
-                    )
+    room = np.empty((3, some.shape[1]), np.int64)
+    for m in range(some.shape[0]):
+        cell, following, place = some[m], max(min(ahead[m], len(sets)) - 1, 0), 0
+        row, bit = row_and_bit(cell, cells)
+        safe = clear[row * cells.counts[-1] + bit]
+        for axis in range(cell.size):
+            place += cell[axis] * moves.strides[axis]
+        for j in range(out.shape[1]):
+            if out[m, j]:
+                out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1
+            if out[m, j] and len(sets) > 0:
+                out[m, j] = image_inside(
+                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, room
+                )

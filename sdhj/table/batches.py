@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import LOOK, ONLY_LOOK
 from sdhj.kernels.tape import Tape
-from sdhj.problem.checks import points_array, real_array, states_array, whole
+from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
@@ -70,6 +70,10 @@ class Batch(NamedTuple):
     def left(self) -> FloatArray:
         """Steps to go after this interval, by which the inputs of admissible states were judged: (M,)."""
         return np.maximum(self.steps_to_go, self.within) - 1
+
+    def sealed(self) -> "Batch":
+        """The same with read-only arrays."""
+        return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
 
     @property
     def promised(self) -> FloatArray:
@@ -280,6 +284,10 @@ class Table:
         looked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
         self._decide(looked, scores, ONLY_LOOK, np.arange(len(to_go)))
         return looked.best
+
+    def chosen(self, batch: Batch, rule: str) -> FloatArray:
+        """To be implemented by proved tables: which input a built-in rule prefers for each state of a batch, (M,)."""
+        raise NotImplementedError
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).

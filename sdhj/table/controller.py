@@ -17,7 +17,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import ONLY_LOOK
-from sdhj.problem.checks import finite_array, number, plain_array, real_array, sealed, states_array, whole
+from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
@@ -230,6 +230,7 @@ class Controller:
             shown = reprlib.repr(rule)
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
+        self._apart: dict[int, FloatArray] = {}  # of an input from all others
 
     # ---- one state
 
@@ -324,13 +325,13 @@ class Controller:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
-    def _query(self, q: FloatArray, step: int | None) -> Batch:
+    def _query(self, q: FloatArray, step: int | None, within: int = 1, scores: FloatArray | None = None) -> Batch:
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
         if not all(map(isfinite, state.tolist())):  # in a fourth of NumPy's time
             finite_array("a state", q)
-        return self.table.answers(state[None], self._at(step))
+        return self.table.answers(state[None], self._at(step), within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
         batch = self._query(q, step)
@@ -508,13 +509,15 @@ class Controller:
             At the last step, or if an argument does not fit.
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
+        if self.table.proved and type(wanted) is int and (found := self._filtered(q, step, wanted)):
+            return found
         q, wanted = real_array("states", q), plain_array("wanted", wanted)
         if single := q.ndim == 1:
             q, wanted = q[None], wanted[None]
         states = states_array("states", q, self.problem.grid.ndim)
         inputs, rows = self.problem.inputs, np.arange(len(states))
         commands, index = _commands(inputs, wanted, len(rows))
-        distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
+        distances = squared_distances(inputs, commands)  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
         if self.table.game < 0:
@@ -532,6 +535,21 @@ class Controller:
         answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, ~promised)
         return Filtered(*(field[0] for field in answer) if single else answer)
 
+    def _filtered(self, q: FloatArray, step: int, wanted: int) -> "Filtered | None":
+        """`filter` of one state and one index, where a proved table has a safe input: in a third of the time."""
+        inputs = self.problem.inputs
+        if np.ndim(q) != 1 or not 0 <= wanted < len(inputs):
+            return None
+        if wanted not in self._apart:
+            self._apart[wanted] = squared_distances(inputs, inputs[wanted][None])
+            self._apart[wanted][0, wanted] = -1.0
+        batch = self._query(q, step, self.table.steps - step, self._apart[wanted])
+        chosen = batch.best[0]
+        if chosen == NOT_ADMISSIBLE:
+            return None
+        other = chosen != wanted
+        return Filtered(chosen, inputs[chosen], other, other, np.True_, np.False_)
+
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
@@ -539,6 +557,8 @@ class Controller:
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
+        if self.table.proved and isinstance(self.rule, str):
+            return self.table.chosen(batch, self.rule)
         scores = np.zeros(batch.safe.shape)
         scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
@@ -556,7 +576,7 @@ class Controller:
 
     def _scores(self, candidates: Candidates) -> FloatArray:
         if callable(self.rule):
-            answer = self.rule(replace(candidates, batch=Batch(*map(sealed, candidates.batch))))
+            answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:
             answer = RULES[self.rule](candidates)
         scores, shape = real_array(f"the answer of rule {self.rule!r}", answer), candidates.rows.shape
@@ -628,6 +648,11 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 @cache
 def _sides(ndim: int) -> FloatArray:
     return np.array(list(product((False, True), repeat=ndim)))
+
+
+def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
+    """Squares of the distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
+    return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 
 def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:

@@ -165,11 +165,11 @@ def test_the_command_checks_a_robot_of_ones_own(saved, tmp_path, monkeypatch):
     done = asked(path, "--problem", "lines:problem")
     assert done.exit_code == 0 and "rests on what is stated of wall" in done.output, done.output
     for wrong, told in {
-        "lines": "must be module:function",
+        "lines": "must be module:name or file.py:name",
         "nowhere:problem": "failed with ModuleNotFoundError",
         "lines:none": "failed with AttributeError",
         "lines:broken": "failed with ZeroDivisionError",
-        "lines:number": "must return a ReachAvoidProblem, got 3",
+        "lines:number": "must be or return a ReachAvoidProblem, got 3",
         "lines:far": "was solved for another problem",
     }.items():
         done = asked(path, "--problem", wrong)

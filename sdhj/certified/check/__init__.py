@@ -35,10 +35,11 @@ module:function` where the robot has black boxes.
 
 import os
 import sys
-from typing import Any
+from typing import Any, cast
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
+from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
@@ -52,6 +53,7 @@ def verify(
     samples: int | None = None,
     seed: int = 0,
     progress: bool | None = None,
+    exported: str | os.PathLike[str] | None = None,
 ) -> Verdict:
     """Check the certified sets in an HDF5 file.
 
@@ -68,6 +70,8 @@ def verify(
     seed : int
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
+    exported : path, optional
+        `sdhj_table.bin`, exported of these sets: that every word of it is within what is proved of them (`exported`).
 
     Raises
     ------
@@ -79,7 +83,7 @@ def verify(
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
-    sets: Arm | Robot | None = None
+    words, sets = None if exported is None else Words(exported), cast(Arm | Robot | None, None)
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
@@ -97,4 +101,7 @@ def verify(
     if sets is None:
         raise ValueError(f"{path} holds no certified sets; make them with method='certified'")
     silent = sys.stderr is None or not (sys.stderr.isatty() if progress is None else progress)
-    return Verdict(tuple(sets.claims(samples, seed, silent)))
+    found = list(sets.claims(samples, seed, silent))
+    if words is not None:
+        found += claims(words, sets, head, silent)
+    return Verdict(tuple(found))

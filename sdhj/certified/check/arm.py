@@ -159,6 +159,12 @@ class Arm(Sets):
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
+    def bits(self, step: int, within: int) -> Array:
+        """A set of the file, (cells,) bool."""
+        row = step * (self.steps + 1) - step * (step - 1) // 2 + within
+        blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
+        return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
+
     @staticmethod
     def needs(arrays: h5py.File) -> int:
         """Bytes that a check takes: of the sets three copies, of the flags, which are packed, a byte each."""

@@ -381,27 +381,38 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
-        cells, inside = self.cells(numbers), following.reshape(self.counts)
+        sums, out = self.sums(following), np.zeros(len(numbers), np.bool_)
+        for j in range(self.low.shape[1]):
+            left = np.flatnonzero(~out)
+            out[left] = self.leads(numbers[left], step, j, sums)
+        return out
+
+    def sums(self, cells: Array) -> Array:
+        """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
+        inside = cells.reshape(self.counts)
         for axis in np.flatnonzero(self.periodic):
             inside = np.concatenate([inside] * 2, axis=axis)
         sums = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
         for k in range(sums.ndim):
             np.cumsum(sums, axis=k, out=sums)
-        start, out = min(step, len(self.low) - 1), np.zeros(len(numbers), np.bool_)
-        clear, most = self.clear[min(step, len(self.clear) - 1)], self.counts - 1
-        for j in range(self.low.shape[1]):
-            left = np.flatnonzero(~out)
-            left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]
-            first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
-            gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
-            turns, whole = first // self.counts * self.counts, last - first > most
-            first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
-            last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
-            total = np.zeros(len(left), np.int64)
-            for corner in product((0, 1), repeat=cells.shape[1]):
-                at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
-                total += sums[at] * (-1) ** corner.count(0)
-            out[left] = gone | (total == np.prod(last - first + 1, axis=1))
+        return sums
+
+    def leads(self, numbers: Array, step: int, j: int, sums: Array) -> Array:
+        """Whether an input is clear from cells, and all cells that it may lead to are in a set with such sums: (M,)."""
+        cells, most = self.cells(numbers), self.counts - 1
+        start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
+        out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1
+        left = np.flatnonzero(out)
+        first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
+        gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
+        turns, whole = first // self.counts * self.counts, last - first > most
+        first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
+        last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
+        total = np.zeros(len(left), np.int64)
+        for corner in product((0, 1), repeat=cells.shape[1]):
+            at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
+            total += sums[at] * (-1) ** corner.count(0)
+        out[left] = gone | (total == np.prod(last - first + 1, axis=1))
         return out
 
     # ---- claims

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sdhj.certified.check.bits import NONE, Array, any_bit, compiled, drop, has
+from sdhj.certified.check.bits import NONE, ONE, Array, any_bit, compiled, drop, has
 from sdhj.certified.check.separation import BOUNDS, STACK, Bench, clear, sweep, tip_inside
 
 
@@ -164,3 +164,58 @@ def check_rows(rows, world, stored, failed, example):
                     kind = 1 + stored.pairs[place, 1]
                     failed[number, kind] += 1
                     example[number, kind] = stored.pairs[place, 0] * cells + bit
+
+
+# ---- words of an exported table
+
+
+@compiled()
+def clear_of_claims(row, j, ids, marks, world, bench, bits):
+    """Write which of the agent's cells of a row, with an input that some word claims, are proved clear of the agent."""
+    bits[:] = NONE
+    for start in range(len(ids)):
+        for bit in range(ids.shape[2]):
+            word = ids[start, row, bit]
+            if marks[0, word, j] or marks[1, word, j] or marks[2, word, j] or marks[3, word, j]:
+                bits[bit >> 6] |= ONE << np.uint64(bit & 63)
+    if world.chased and any_bit(bits):
+        near = bits.copy()
+        sweep(j, world.held, world, bench, near)
+        bits &= ~near
+        settle(world.inputs[j], world.held, world, bench, bits)
+        bits |= near
+
+
+@compiled(nogil=True)
+def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
+    """Check every input that words claim, of some rows; threads may share the rows out.
+
+    ids (starts, R, cells): the word of each cell. marks (4, words, L) bool: the inputs that a word claims to be
+    selected, safe, among all steps' and clear. ahead (2, starts, R, cells): the steps to go by which the first two are
+    safe, and the third. made, failed (rows, 4), modified in place: how many claims there are, and are not proved.
+    """
+    n2, steps = world.q2.size - 1, len(stored.allowed)
+    clear, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])
+    for number in range(len(rows)):
+        row = rows[number]
+        i1, i2 = row // n2, row % n2
+        bench = bench_of(i1, i2, world)
+        for j in range(len(world.inputs)):
+            clear_of_claims(row, j, ids, marks, world, bench, clear)
+            ends1, ends2 = stored.ends1[j, i1], stored.ends2[j, i2]
+            for start, kind in np.ndindex(len(ids), 4):
+                known = -1
+                for bit in range(ids.shape[2]):
+                    if not marks[kind, ids[start, row, bit], j]:
+                        continue
+                    good = start < steps and stored.allowed[start, j, i1, i2] and has(clear, bit)
+                    if good and kind < 3:
+                        within = ahead[kind // 2, start, row, bit]
+                        if within != known and within > 0:
+                            place = (start + 1) * (steps + 1) - (start + 1) * start // 2 + within - 1
+                            able[:] = ~NONE
+                            reaching(ends1, ends2, stored.places[place], n2, stored.eroded, able)
+                            known = within
+                        good = within > 0 and has(able, bit)
+                    made[number, kind] += 1
+                    failed[number, kind] += not good

@@ -414,8 +414,8 @@ MUTATIONS = {
     "every cell of an image": (ROBOTS_PY, "total == np.prod(last - first + 1, axis=1)", "total > 0", "a cell more"),
     "inputs that are clear": (
         ROBOTS_PY,
-        "left = left[(clear[numbers[left], j // 8] >> np.uint8(j % 8)) & 1 == 1]",
-        "pass",
+        "out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1",
+        "out = np.ones(len(numbers), np.bool_)",
         "a cell of which no input is clear",
     ),
     "the next set": (

@@ -1,0 +1,243 @@
+"""The claims of an exported table, `sdhj_table.bin`: every word of every cell is within what the table's file proves.
+
+What was rounded, merged or packed on the way is of no matter: this reader shares no code with what wrote the file, and
+asks of every cell and every input in its word what `verify` asks of some input. A word may claim less than is proved.
+
+Of a robot of one's own: a cell is in the set of the steps to go that it claims (`steps`); under each input that is
+claimed the cell is clear, and all cells that it may lead to are in the set with a step less (`safe`, `select`), or in
+that of all remaining steps (`filter`); under others it is clear (`clear`). Of an arm the same, where each input of each
+cell is proved clear of the pursuer one by one (`words_hold`): it takes a few times as long as `verify`.
+"""
+
+import hashlib
+import math
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified.check.arm import Arm, erode_all, shared
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.claims import Claim
+from sdhj.certified.check.reading import expect
+from sdhj.certified.check.robots import Robot
+from sdhj.certified.check.rows import Stored, words_hold
+from sdhj.certified.check.separation import STATE_ERROR
+
+MAGIC, HEAD = b"sdhjcell", 560
+FIELDS = ("steps", "select", "safe", "filter", "clear")
+UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
+
+
+class Words:
+    """What a file says: `ids` of the words of the cells of a start, and the fields of each word."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        data = Path(path).read_bytes()
+        whole = len(data) >= HEAD and data[:8] == MAGIC and struct.unpack_from("<I", data, 8) == (1,)
+        whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
+        expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+        numbers = struct.unpack_from("<16I", data, 16)
+        size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
+        record, words, width, index_width, bodies, body_bytes, tests, at_width = numbers[8:]
+        expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
+        self.counts, self.sides, periodic, _ = np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
+        self.periodic, reals = periodic.astype(bool), np.frombuffer(data, "<f8", 38, 256)
+        self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
+        self.delta = reals[36]
+        expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
+        self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
+        number, cells = math.prod(self.blocks.tolist()) * self.starts, math.prod(self.sides.tolist())
+        lengths = (words * record, inputs * components * 8, inputs * 2, number * index_width, bodies * at_width)
+        parts, at = list[bytes](), HEAD
+        for length in (*lengths, body_bytes, tests * (2 * ndim + 2)):
+            parts.append(data[at : at + length])
+            at += -(-length // 8) * 8
+        expect(at == size and len(parts[6]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
+        self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
+        self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
+        expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
+        self.bodies = np.stack([_body(parts[5], at, cells, width) for at in _numbers(parts[4], at_width).tolist()])
+        expect(int(self.bodies.max()) < words, "cells must have a word", words)
+        rows, mask, begin = np.frombuffer(parts[0], np.uint8).reshape(words, record), -(-inputs // 8), 0
+        found: dict[str, Array] = {}
+        for bit, name in enumerate(FIELDS):
+            if fields >> bit & 1:
+                long = {"steps": 4, "select": 2}.get(name, mask)
+                found[name], begin = rows[:, begin : begin + long], begin + long
+        expect(begin == record, "words must have their fields", record)
+        self.fields = {
+            name: np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
+            for name, some in found.items()
+            if name not in ("steps", "select")
+        }
+        for name in ("steps", "select"):
+            if name in found:
+                self.fields[name] = _numbers(found[name].tobytes(), found[name].shape[1])
+
+    def ids(self, start: int) -> Array:
+        """The words of the cells at a start: (cells,)."""
+        ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
+        order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
+        whole = blocks.transpose(order).reshape(self.blocks * self.sides)
+        return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
+
+
+def _numbers(data: bytes, width: int) -> Array:
+    """Whole numbers of so many bytes, (n,) int64."""
+    each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
+    return each @ (1 << 8 * np.arange(width))
+
+
+def _body(data: bytes, at: int, cells: int, width: int) -> Array:
+    """The words of the cells of a block whose body begins there: (cells,) uint32."""
+    bits, colours = struct.unpack_from("<BH", data, at)
+    begin = at + 3 + colours * width
+    end = begin + -(-cells * bits // 8)
+    expect(1 <= colours <= 1 << bits <= 65536 and end + 2 <= len(data), "bodies must be whole", (at, bits, colours))
+    palette = _numbers(data[at + 3 : begin], width)
+    packed = np.unpackbits(np.frombuffer(data[begin:end], np.uint8), count=cells * bits, bitorder="little")
+    entries = packed.reshape(cells, bits) @ (1 << np.arange(bits))
+    expect(int(entries.max(initial=0)) < colours, "entries must be in the palette", colours)
+    return palette[entries].astype(np.uint32)
+
+
+def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
+    """All claims of an exported table, of the sets of a table's file, and what that tells."""
+    wrong = differences(words, sets, head)
+    yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
+    if wrong:
+        return
+    counted: dict[str, list[Any]] = {name: [0, []] for name in words.fields}
+    of_a_start = _of_arm(words, sets, silent) if isinstance(sets, Arm) else _of_robot(words, sets, silent)
+    for name, made, failures in of_a_start:
+        counted[name][0] += made
+        counted[name][1] += failures
+    for name, (made, failures) in counted.items():
+        yield Claim(f"exported: {name}", made, made, failures)
+
+
+def differences(words: Words, sets: Any, head: Any) -> list[str]:
+    """In what the exported table is of another one than the sets of a file."""
+    world, near = sets.edges, np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near
+    periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
+    pairs = {
+        "cells": (words.counts.tolist(), sets.counts.tolist()),
+        "periodic axes": (words.periodic.tolist(), periodic.tolist()),
+        "begins": (words.lower.tolist(), [edge[0] for edge in world]),
+        "widths": (words.width.tolist(), [float(width) for _, width, *_ in sets.axes]),
+        "lengths": (words.length.tolist(), [float((least + most) / 2) for _, _, least, most in sets.axes]),
+        "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
+        "steps": (words.steps, head["steps"]),
+        "starts": (words.starts, 1 if timeless and not isinstance(sets, Arm) else words.steps + 1),
+        "delta": (float(words.delta), float(head["delta"])),
+        "slack": (bool((words.slack <= near * (1 + 1e-12)).all()), True),
+        "error": (
+            words.error.tolist(),
+            np.broadcast_to(head.get("sensing", {}).get("error", 0.0), len(words.counts)).tolist(),
+        ),
+        "delay": (0.0, float(head.get("sensing", {}).get("delay", 0.0))),
+        "problem": (words.problem, head["digest"]),
+    }
+    return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
+
+
+def asked(words: Words, ids: Array, fewest: Array, left: int, stays: bool) -> Iterator[tuple[str, Array, Array]]:
+    """Of each field of inputs which are claimed of each word (words, L), and the steps to go by which (cells,)."""
+    steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
+    nearest = np.where(steps > left, 0, left if stays else np.maximum(steps, 1))
+    for name, some in words.fields.items():
+        if name == "select":
+            one = some[:, None] == np.arange(len(words.inputs))
+            yield name, one, nearest
+        elif name == "safe":
+            yield name, some, nearest
+        elif name == "filter":
+            yield name, some, np.full(len(ids), left)
+
+
+def of_steps(words: Words, ids: Array, fewest: Array, left: int, stays: bool) -> Iterator[tuple[str, int, Array]]:
+    """Claims that cells are in sets: how many are made, and the cells of which they are not so."""
+    if "steps" in words.fields:
+        steps = words.fields["steps"][ids]
+        made = steps != UNPROVED
+        bad = (steps > left) | ((steps != left) & stays) | (fewest > steps)
+        yield "steps", int(made.sum()), np.flatnonzero(made & bad)
+    if "select" in words.fields:
+        arrived = words.fields["select"][ids] == ARRIVED
+        yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | stays))
+
+
+def _fewest(sets: Any, start: int, left: int, stays: bool) -> Array:
+    """The fewest steps to go that are in the file, left + 1 where there are none: (cells,)."""
+    if stays:
+        return np.where(sets.bits(start, left), left, left + 1)
+    out = np.full(math.prod(sets.counts.tolist()), left + 1)
+    for within in range(left, -1, -1):
+        out[sets.bits(start, within)] = within
+    return out
+
+
+def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    for start in tqdm(range(words.starts), desc="exported", disable=silent):
+        ids, left = words.ids(start), words.steps - start
+        fewest = _fewest(sets, start, left, sets.stays)
+        for name, made, bad in of_steps(words, ids, fewest, left, sets.stays):
+            yield name, made, [f"start {start}, cell {cell}" for cell in bad]
+        if "clear" in words.fields:
+            clear = np.unpackbits(
+                sets.clear[min(start, len(sets.clear) - 1)], axis=1, count=sets.count, bitorder="little"
+            )
+            claimed = words.fields["clear"][ids]
+            bad = np.flatnonzero((claimed & ~(clear.astype(bool) if left else clear > 1)).any(axis=1))
+            yield "clear", int(claimed.sum()), [f"start {start}, cell {cell}" for cell in bad]
+        several = list(asked(words, ids, fewest, left, sets.stays))
+        for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
+            sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
+            for name, some, steps in several:
+                for j in range(len(words.inputs)):
+                    cells = np.flatnonzero((steps == ahead) & some[ids, j])
+                    good = np.zeros(cells.size, bool) if sums is None else sets.leads(cells, start, j, sums)
+                    yield name, cells.size, [f"start {start}, input {j}, cell {cell}" for cell in cells[~good]]
+
+
+def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
+    every, kinds = (
+        np.zeros((words.starts, rows, math.prod(sets.counts[2:].tolist())), np.uint32),
+        ("select", "safe", "filter", "clear"),
+    )
+    ahead = np.zeros((2, *every.shape), np.int16)
+    marks = np.zeros((4, len(next(iter(words.fields.values()))), count), np.bool_)
+    for start in range(words.starts):
+        ids, left = words.ids(start), words.steps - start
+        fewest = _fewest(sets, start, left, False)
+        for name, made, bad in of_steps(words, ids, fewest, left, False):
+            yield name, made, [f"start {start}, cell {cell}" for cell in bad]
+        every[start] = ids.reshape(rows, -1)
+        for name, some, steps in asked(words, ids, fewest, left, False):
+            marks[kinds.index(name)] = some
+            ahead[int(name == "filter"), start] = steps.reshape(rows, -1)
+    if "clear" in words.fields:
+        marks[3] = words.fields["clear"]
+    eroded = np.empty_like(sets.pool)
+    still = [0 * sets.axes[0][1]]
+    erode_all(sets.pool, sets.ends(2, still)[0], sets.ends(3, still)[0], eroded)
+    ends = [sets.ends(axis, [pair[axis] for pair in sets.scene.inputs()]) for axis in (0, 1)]
+    stored = Stored(sets.pairs, sets.index, sets.pool, eroded, sets.allowed, *ends)
+    counts, failed = np.zeros((2, rows, 4), np.int64)
+    with tqdm(total=rows, desc="exported", unit="row", disable=silent) as bar:
+        numbers = np.arange(rows)
+        for done in shared(
+            rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, counts[at], failed[at])
+        ):
+            bar.update(done)
+    for kind, name in enumerate(kinds):
+        if name in words.fields:
+            bad = np.flatnonzero(failed[:, kind])
+            yield name, int(counts[:, kind].sum()), [f"{failed[row, kind]} inputs of cells of row {row}" for row in bad]

@@ -1,0 +1,494 @@
+"""A certified table as C99: `sdhj_table.bin`, the header `sdhj.h` that reads it, and `sdhj_robot.h` of this robot.
+
+The file: a head of 560 bytes, then one behind the other, each from a multiple of 8 on, the words, the inputs, their
+order from the braking one on, for each block of cells the number of its body, where bodies begin, the bodies, and
+states with their answers to test a reader. `sdhj.h` says what each number is; it and this file change together.
+"""
+
+import ctypes
+import hashlib
+import os
+import shutil
+import struct
+import subprocess
+import zlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
+from math import prod
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from sdhj.certified.table import CertifiedTable
+from sdhj.certified.words import CLEAR, Rule, words_of
+from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import hidden
+from sdhj.kernels.words import INPUTS, NOTHING, cells_of_blocks, number_records, pack_block
+from sdhj.problem.checks import option, whole
+from sdhj.table.batches import threads
+from sdhj.table.controller import RULES, predicted, squared_distances
+from sdhj.table.files import replaced_whole, writable_file
+
+FIELDS = ("steps", "select", "safe", "filter", "clear")  # of a word, in this order
+BLOCK_SIDES = {1: 256, 2: 16, 3: 6, 4: 4, 5: 3, 6: 3}  # cells of a block along each axis
+CELLS_AT_ONCE = 1 << 18
+NO_INPUT, ARRIVED = 65535, 65534
+MOST_EXPORTED = 65533
+TESTS = 1000
+DRAWN_CELLS = 1 << 17  # cells, to see which inputs are frequent
+STATUS = {"IN_TARGET": 1, "NOT_PROVED": -1, "OFF_GRID": -2, "PAST_SAFE_END": -3, "LAST_STEP": -5, "LEFT_OUT": -8}
+FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-shared", "-fPIC")
+FIXED_HEADER = Path(__file__).with_name("sdhj").with_suffix(".h")
+
+
+def export_c(
+    table: CertifiedTable,
+    folder: str | os.PathLike[str],
+    *,
+    rule: str | None = None,
+    only: Sequence[str] = FIELDS,
+    brake: int | None = None,
+    progress: bool | None = None,
+) -> "Exported":
+    """Write a certified table for a robot without Python, as C99: `sdhj_table.bin`, `sdhj.h` and `sdhj_robot.h`.
+
+    Parameters
+    ----------
+    table : CertifiedTable
+        Of a problem without delay; measurements may err.
+    folder : path
+        It is made where it does not exist; files of an earlier export are replaced.
+    rule : {"deepest", "effort", "target", "clearance", "small"}, optional
+        Which proved input `sdhj_select` prefers, as of `sdhj.Controller`, asked at the centre of each cell; or "small":
+        the one that is proved in most cells, so that neighbours have the same and the file is small. By default
+        "deepest", and "small" where it is all that is exported.
+    only : sequence of {"steps", "select", "safe", "filter", "clear"}
+        What the file answers: the steps to go; one input; all inputs that lead to the target in the fewest steps; all
+        after which it can still be reached in time; all that stay clear for one interval, for `sdhj_fallback`. The
+        less, the smaller the file.
+    brake : int, optional
+        The index of the input to apply where nothing is proved; by default the first one of least norm.
+    progress : bool, optional
+        Whether to show a progress bar; by default if standard error is a terminal.
+
+    Returns
+    -------
+    Exported
+        Its methods call the C, where there is a compiler.
+
+    Raises
+    ------
+    ValueError
+        If the table is none that can be exported, or an option does not fit.
+    OSError
+        If the folder cannot be written.
+    """
+    if not isinstance(table, CertifiedTable):
+        raise ValueError(
+            f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
+            'the problem with method="certified"'
+        )
+    only = (only,) if isinstance(only, str) else tuple(only)
+    problem, fields = table.problem, tuple(one for one in FIELDS if one in only)
+    if problem.sensing.delay:
+        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
+    rule = rule or ("small" if fields == ("select",) else "deepest")
+    option("rule", rule, (*RULES, "small"))
+    for one in only:
+        option("only", one, FIELDS)
+    if not fields:
+        raise ValueError(f"only must name some of {', '.join(FIELDS)}")
+    if len(problem.inputs) > MOST_EXPORTED:
+        raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(problem.inputs):,}")
+    norms = np.square(problem.inputs).sum(axis=1)
+    brake = int(norms.argmin()) if brake is None else whole("brake", brake, least=0, most=len(problem.inputs) - 1)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    writable_file(folder / "sdhj_table.bin")
+    data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
+    robot = header_of(table, data, fields, rule, brake)
+    for name, text in (
+        ("sdhj_table.bin", data),
+        (FIXED_HEADER.name, FIXED_HEADER.read_bytes()),
+        ("sdhj_robot.h", robot.encode()),
+    ):
+        with replaced_whole(folder / name) as temporary:
+            temporary.write_bytes(text)
+    return Exported(folder, table)
+
+
+# ---- the words
+
+
+def _frequent(table: CertifiedTable) -> tuple[int, ...]:
+    """All inputs, those first that are proved in most of some cells."""
+    rng, left = np.random.default_rng(0), table.steps
+    cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
+    ahead = table.fewest(cells, 0)
+    safe = table.inputs_of(cells, np.where(ahead <= left, np.maximum(ahead, left if table.problem.stays else 1), 0), 0)
+    return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
+
+
+def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
+    """The words of cells (M, ndim) as the file has them: (M, bytes) uint8."""
+    count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
+    within, every = left if table.problem.stays else min(1, left), None
+    if "filter" in fields and within < left:
+        every = words_of(table, cells, step, left, None)
+    nearest = words_of(table, cells, step, within, rule, every)  # an input of the fewest steps is one of all steps
+
+    def mask(words: FloatArray) -> FloatArray:
+        return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
+
+    steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
+    chosen[nearest[:, 1] == NOTHING] = NO_INPUT
+    if table.problem.stays:
+        steps[steps == 0] = left
+    else:
+        chosen[(steps == 0) & (chosen == NO_INPUT)] = ARRIVED
+    parts["steps"] = steps.astype("<u4").view(np.uint8).reshape(-1, 4)
+    parts["select"], parts["safe"] = chosen.view(np.uint8).reshape(-1, 2), mask(nearest)
+    if "filter" in fields:
+        parts["filter"] = parts["safe"] if every is None else mask(every)
+    if "clear" in fields:
+        clear = (
+            words_of(table, cells, step, CLEAR, None) if left else np.zeros((len(cells), nearest.shape[1]), np.uint32)
+        )
+        parts["clear"] = mask(clear)
+    return np.concatenate([parts[one] for one in fields], axis=1)
+
+
+class Packer:
+    """Numbers of words and bodies of blocks, each kept once."""
+
+    def __init__(self, size: int) -> None:
+        self.known, self.used = np.zeros((1024, size), np.uint8), 0
+        self.slots, self.bodies, self.index = np.full(4096, -1), dict[bytes, int](), list[int]()
+        self.blocks: list[FloatArray] = []
+
+    def add(self, found: FloatArray) -> FloatArray:
+        """The numbers (n,) uint32 of records (n, bytes)."""
+        out = np.empty(len(found), np.int64)
+        while (used := number_records(found, self.known, self.used, self.slots, out)) < 0:
+            full = self.known  # all of it is used
+            self.known = np.concatenate([full, np.zeros_like(full)])
+            self.slots = np.full(4 * len(self.known), -1)
+            self.used = number_records(full, self.known, 0, self.slots, np.empty(len(full), np.int64))
+        self.used = used
+        return out.astype(np.uint32)
+
+    def pack(self, numbers: FloatArray, width: int) -> None:
+        """Number the bodies of blocks (B, cells) of words."""
+        seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
+        for one in numbers:
+            body = room[: pack_block(one, width, seen, room)].tobytes()
+            self.index.append(self.bodies.setdefault(body, len(self.bodies)))
+
+
+def slabs(table: CertifiedTable) -> tuple[FloatArray, int, list[tuple[int, int, int]]]:
+    """The sides of a block, the blocks of a start, and the work: a step, and the first block and how many."""
+    counts = np.array(table.shape)
+    sides = np.minimum(counts, BLOCK_SIDES[len(counts)])
+    blocks, each = int(prod((-(-counts // sides)).tolist())), max(1, CELLS_AT_ONCE // int(sides.prod()))
+    starts = range(1 if table.problem.timeless else table.steps + 1)
+    return sides, blocks, [(k, b, min(each, blocks - b)) for k in starts for b in range(0, blocks, each)]
+
+
+def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
+    """The bytes of `sdhj_table.bin`."""
+    sides, blocks, work = slabs(table)
+    counts, cells, ndim = np.array(table.shape), int(sides.prod()), len(table.axes)
+
+    def found(one: tuple[int, int, int]) -> FloatArray:
+        step, first, number = one
+        at = np.empty((number, cells, ndim), np.int64)
+        cells_of_blocks(first, sides, counts, at)
+        return records(table, at.reshape(-1, ndim), step, fields, rule)
+
+    packer, several = None, threads()
+    with tqdm(total=len(work), desc="words", disable=hidden(progress)) as bar, ThreadPoolExecutor(several) as pool:
+        for some in (work[at : at + several] for at in range(0, len(work), several)):
+            for rows in pool.map(found, some):
+                packer = packer or Packer(rows.shape[1])
+                packer.blocks.append(packer.add(np.ascontiguousarray(rows)).reshape(-1, cells))
+                bar.update()
+    assert packer is not None
+    width = _bytes_for(packer.used)
+    for numbers in packer.blocks:
+        packer.pack(numbers, width)
+    return file_of(table, packer, fields, rule, brake, sides, blocks)
+
+
+def _bytes_for(count: int) -> int:
+    """Bytes of a number below `count`."""
+    return max(1, -(-(count - 1).bit_length() // 8))
+
+
+def file_of(
+    table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray, blocks: int
+) -> bytes:
+    """The bytes of a file, of words and blocks that are numbered."""
+    problem, grid, ndim = table.problem, table.grid, len(table.axes)
+    inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
+    order = np.argsort(squared_distances(inputs, inputs[brake][None])[0], kind="stable")
+    order = np.array([brake, *order[order != brake]])
+    index = np.array(packer.index, "<u4").view(np.uint8).reshape(-1, 4)[:, :index_bytes]
+    lengths = [len(body) for body in packer.bodies]
+    bodies = b"".join(packer.bodies) + bytes(2)
+    starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
+    at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
+    parts = (
+        packer.known[: packer.used].tobytes(),
+        inputs.astype("<f8").tobytes(),
+        order.astype("<u2").tobytes(),
+        index.tobytes(),
+        starts.view(np.uint8).reshape(-1, 4)[:, :at_bytes].tobytes(),
+        bodies,
+        tests.tobytes(),
+    )
+    if sum(map(len, parts)) + 1024 >= 1 << 32:
+        raise ValueError("a file has room for 4 GB, and these words take more; use fewer cells, or export less (only)")
+    body = b"".join(part.ljust(-(-len(part) // 8) * 8, b"\0") for part in parts)
+    flags = sum(1 << FIELDS.index(one) for one in fields)
+    each = 1 if problem.timeless else table.steps + 1
+    numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
+    numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
+    safe = [sum(1 << side for side, end in enumerate(ends) if end == "safe") for ends in grid.ends]
+    known = grid.has("safe")
+    whole_numbers = (table.shape, sides.tolist(), grid.periodic, safe if known else [0] * ndim)
+    error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
+    reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
+    tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
+    tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals)
+    tail += struct.pack("<2d", problem.delta, 0.0)
+    digest = hashlib.sha256(tail + body).digest()
+    head = b"sdhjcell" + struct.pack("<I", 1)
+    rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
+    rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + body
+    return head + struct.pack("<I", zlib.crc32(head + rest)) + rest
+
+
+# ---- states with their answers
+
+
+def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
+    """States, as parts of each axis, and checksums of what Python says of them: (TESTS, ndim + 1) uint16.
+
+    The i-th is asked about at step i % (N + 1); some are past the ends of the grid.
+    """
+    problem, cells = table.problem, table.cells
+    parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
+    states = cells.lower - 0.02 * cells.length + parts * (1.04 / 65535) * cells.length
+    out, steps = np.zeros((TESTS, len(table.axes) + 1), "<u2"), 1 if problem.timeless else table.steps + 1
+    out[:, :-1] = parts
+    for step in range(min(steps, TESTS)):
+        some = np.arange(step, TESTS, steps)
+        said = told(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
+        out[some, -1] = [zlib.crc32(one) & 0xFFFF for one in said]
+    return out
+
+
+def told(
+    table: CertifiedTable,
+    states: FloatArray,
+    step: int,
+    wanted: FloatArray,
+    fields: Sequence[str],
+    rule: Rule,
+    brake: int,
+) -> list[bytes]:
+    """What `sdhj_selftest` adds up, of each of the states (M, ndim) at a step; wanted (M,): numbers of inputs."""
+    problem, left, count = table.problem, table.steps - step, len(states)
+    states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
+    to_go, safe, chosen = table.words.look(table, states, step, left if problem.stays else min(1, left), rule)
+    proved = table.words.look(table, states, step, left, None)[1]
+    clear = table.words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
+    apart = squared_distances(problem.inputs, problem.inputs[wanted])
+    apart[np.arange(count), wanted] = -1.0
+    nearest = np.where(proved, apart, np.inf).argmin(axis=1)
+    where, out = located(table, states), []
+    for m in range(count):
+        arrived = not problem.stays and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
+        none = STATUS["IN_TARGET" if arrived else "NOT_PROVED"] if left else STATUS["LAST_STEP"]
+        steps = left if problem.stays else int(to_go[m])
+        answers = (
+            ("steps", to_go[m] >= 0, steps, STATUS["NOT_PROVED"], 0xFFFFFFFF),
+            ("select", chosen[m] >= 0, int(chosen[m]), none, brake),
+            ("filter", bool(proved[m].any()), int(nearest[m]), none, brake),
+        )
+        said = b""
+        for name, found, value, otherwise, instead in answers:
+            status = where[m] or (STATUS["LEFT_OUT"] if name not in fields else 0 if found else otherwise)
+            said += struct.pack("<BI", status & 255, instead if status else value)
+        if not where[m]:
+            some = np.flatnonzero(safe[m]) if "safe" in fields else safe[m][:0]
+            said += b"".join(
+                struct.pack("<BI", 0, j) for j in [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
+            )
+        out.append(said)
+    return out
+
+
+def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
+    """The status of `sdhj_locate` of states (M, ndim): 0 on the grid, (M,) int."""
+    cells, grid = table.cells, table.grid
+    offset = np.where(cells.periodic, 0.0, states - cells.lower)
+    below, above = offset < -table.proof.shell, offset > cells.length + table.proof.shell
+    safe = np.array([[end == "safe" for end in ends] for ends in grid.ends]).T
+    past = (below & safe[0]) | (above & safe[1])
+    off = (below | above).any(axis=1)
+    return np.where(
+        ((below | above) & ~past).any(axis=1), STATUS["OFF_GRID"], np.where(off, STATUS["PAST_SAFE_END"], 0)
+    )
+
+
+# ---- the header of a robot
+
+
+def plain(text: str) -> str:
+    """A text that a comment of C can hold."""
+    return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
+
+
+def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
+    """The text of `sdhj_robot.h`."""
+    problem, grid, inputs = table.problem, table.grid, table.problem.inputs
+    name, *axes = map(plain, (problem.name, *grid.names))
+    digest = [f"0x{byte:02x}" for byte in data[128:160]]
+    rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
+    lines = [
+        f"/* The robot of sdhj_table.bin: {name}. Written by `sdhj export`; do not edit.",
+        " *",
+        f" * state: {', '.join(axes)}, in the problem's units (by convention metres, radians, seconds)",
+        f" * the file answers {', '.join(fields)}; sdhj_select prefers by the rule {rule!r}",
+        f" * problem {problem.digest}",
+        " */",
+        "#ifndef SDHJ_ROBOT_H",
+        "#define SDHJ_ROBOT_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        f"#define SDHJ_ROBOT_AXES {grid.ndim}",
+        f"#define SDHJ_ROBOT_INPUTS {inputs.shape[0]}",
+        f"#define SDHJ_ROBOT_COMPONENTS {inputs.shape[1]} /* of an input */",
+        f"#define SDHJ_ROBOT_MASK_BYTES {-(-len(inputs) // 8)} /* of inputs as bits */",
+        f"#define SDHJ_ROBOT_STEPS {table.steps}",
+        f"#define SDHJ_ROBOT_TIMELESS {int(problem.timeless)} /* 1: steps are ignored, a loop may go on without end */",
+        f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
+        f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
+        *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
+        "",
+        f"static const double sdhj_robot_delta = {problem.delta!r}; /* seconds from step to step */",
+        f"static const double sdhj_robot_inputs[{inputs.shape[0]}][{inputs.shape[1]}] = {{",
+        *(f"    {{{row}}}," for row in rows),
+        "};",
+        "static const uint8_t sdhj_robot_digest[32] = {",
+        *(f"    {', '.join(digest[at : at + 8])}," for at in range(0, 32, 8)),
+        "};",
+        "",
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# ---- the C, called from Python
+
+CALLS = """#include "sdhj.h"
+size_t x_size(void) { return sizeof(sdhj_table); }
+int x_open(void *t, const void *bytes, size_t size, const uint8_t *digest) {
+  return sdhj_open((sdhj_table *)t, bytes, size, digest);
+}
+uint32_t x_selftest(const void *t) { return sdhj_selftest((const sdhj_table *)t); }
+void x_ask(const void *table, int what, uint32_t step, const double *states, size_t count, const uint32_t *wanted,
+           const double *commands, int32_t *status, uint32_t *value, uint8_t *masks) {
+  const sdhj_table *t = (const sdhj_table *)table;
+  size_t i;
+  for (i = 0; i < count; i++) {
+    const double *q = states + i * t->axes;
+    uint8_t *bits = masks + i * t->mask;
+    if (what == 0) status[i] = sdhj_steps_to_go(t, step, q, value + i);
+    if (what == 1) status[i] = sdhj_select(t, step, q, value + i);
+    if (what == 2) status[i] = sdhj_fallback(t, step, q, value + i);
+    if (what == 3) status[i] = sdhj_filter(t, step, q, wanted[i], value + i);
+    if (what == 4) status[i] = sdhj_filter_command(t, step, q, commands + i * t->components, value + i);
+    if (what == 5) status[i] = sdhj_safe_inputs(t, step, q, bits);
+    if (what == 6) status[i] = sdhj_clear_inputs(t, step, q, bits);
+  }
+}
+"""
+QUESTIONS = ("steps_to_go", "select", "fallback", "filter", "filter_command", "safe_inputs", "clear_inputs")
+
+
+class Exported:
+    """An exported table: its methods compile `sdhj.h` once and ask it, of states (M, ndim) at a step.
+
+    Each returns the status of every state, (M,) int, 0 where the answer counts (`sdhj.h` has the others), and the
+    answers: (M,) int of `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`, (M, L) bool of
+    `safe_inputs` and `clear_inputs`. OSError where there is no C compiler.
+    """
+
+    def __init__(self, folder: Path, table: CertifiedTable) -> None:
+        self.folder, self.table = folder, table
+        self.data = (folder / "sdhj_table.bin").read_bytes()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of `sdhj_table.bin`."""
+        return len(self.data)
+
+    def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:
+        """Answers to one of `QUESTIONS`; wanted: (M,) indices of inputs for "filter", (M, m) for "filter_command"."""
+        given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
+        inputs, count = self.table.problem.inputs, len(given)
+        if given.ndim != 2 or given.shape[1] != self.table.grid.ndim:
+            raise ValueError(f"states must have shape (M, {self.table.grid.ndim}), got {given.shape}")
+        index, command = np.zeros(count, np.uint32), np.zeros((count, inputs.shape[1]))
+        if wanted is not None:
+            target = index if what == "filter" else command
+            target[:] = wanted
+        status, value = np.empty(count, np.int32), np.zeros(count, np.uint32)
+        masks = np.zeros((count, -(-len(inputs) // 8)), np.uint8)
+        arrays = [ctypes.c_void_p(part.ctypes.data) for part in (given, index, command, status, value, masks)]
+        library, opened = self._opened
+        library.x_ask(
+            opened, QUESTIONS.index(what), ctypes.c_uint32(step), arrays[0], ctypes.c_size_t(count), *arrays[1:]
+        )
+        if what.endswith("inputs"):
+            return status, np.unpackbits(masks, axis=1, count=len(inputs), bitorder="little").astype(bool)
+        return status, value.astype(np.int64)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in QUESTIONS:
+            raise AttributeError(name)
+        return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
+
+    def selftest(self) -> int:
+        """How many of the states that are kept in the file the C answers otherwise than Python did."""
+        library, opened = self._opened
+        library.x_selftest.restype = ctypes.c_uint32
+        return int(library.x_selftest(opened))
+
+    @cached_property
+    def _opened(self) -> tuple[Any, Any]:
+        compiler = os.environ.get("CC") or next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+        if compiler is None:
+            raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
+        with TemporaryDirectory() as folder:
+            source, library = Path(folder, "calls.c"), Path(folder, "calls.so")
+            source.write_text(CALLS)
+            command = [compiler, *FLAGS, f"-I{self.folder}", str(source), "-o", str(library)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode:
+                raise OSError(f"{compiler} cannot compile sdhj.h: {done.stderr[:500]}")
+            loaded: Any = ctypes.CDLL(str(library))
+        loaded.x_size.restype = ctypes.c_size_t
+        opened = ctypes.create_string_buffer(loaded.x_size())
+        kept = ctypes.create_string_buffer(self.data, len(self.data))
+        if loaded.x_open(opened, kept, ctypes.c_size_t(len(self.data)), self.data[128:160]) != 0:
+            raise ValueError(f"sdhj_open refuses {self.folder / 'sdhj_table.bin'}: export it anew")
+        self._kept = kept  # the table points into it
+        return loaded, opened

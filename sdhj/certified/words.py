@@ -1,0 +1,185 @@
+"""What is proved of each cell, as a word: the fewest steps to go, the proved inputs, and the one that a rule prefers.
+
+All that an adversary can do is in a word already. So the controller of a certified table looks words up, in Python
+(`Words`) and on the robot (`sdhj.certified.export`). A word is made when it is first asked for.
+"""
+
+import threading
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.words import FREE, INPUTS, NOTHING, keep, look_up
+from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
+from sdhj.table.controller import RULES, Candidates
+
+FIRST_SLOTS = 1 << 10  # for words, at first
+MOST_SLOTS = 1 << 23  # where half of so many are used, all are forgotten
+Rule = str | tuple[int, ...] | None  # a built-in one; all inputs, the first proved one of which is taken; none
+CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
+
+
+class ProvedBatch(Batch):
+    """The answers of a certified table, whose margins are computed when they are first read.
+
+    The margin of a certified input is the steps to go of the undisturbed successor minus those that are allowed, at
+    most 0; lower margins reach the target sooner. It is +inf for other inputs.
+    """
+
+    table: Any
+
+    @cached_property
+    def margins(self) -> FloatArray:
+        ahead = np.maximum(self.steps_to_go, self.within)
+        moves = self.table.problem.interval(self.step).displacements(self.states)
+        rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
+        return margins_of(self.table, self.states, self.step, ahead, self.safe, moves, rows)
+
+
+def margins_of(
+    table: Any, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray, moves: FloatArray, rows: FloatArray
+) -> FloatArray:
+    """Margins (M, L) of states (M, ndim) whose undisturbed successors are states + moves[rows]."""
+    margins = np.full(safe.shape, np.inf)
+    pairs, inputs = np.nonzero(safe)
+    if pairs.size:
+        moved = states[pairs] + moves[rows[pairs], inputs]
+        after = table.steps_to_go(table.grid.clipped(moved), step + 1)
+        after[table.grid.beyond(moved, "safe")] = 0  # out of danger for good
+        margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
+    return margins
+
+
+def words_of(
+    table: Any, cells: FloatArray, step: int, within: int, rule: Rule, among: FloatArray | None = None
+) -> FloatArray:
+    """The words (M, ...) uint32 of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them.
+
+    Of each cell the inputs that leave max(steps to go, within) - 1 steps, or those that stay `CLEAR`. A built-in rule
+    is asked at the cell's centre; without a rule no input is preferred. among: words with all inputs to be asked about.
+    """
+    count = len(table.problem.inputs)
+    to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
+    held = np.flatnonzero(to_go <= table.steps - step)
+    some, to_go, ahead = cells[held], to_go[held], np.maximum(to_go[held], within)
+    if within == CLEAR:
+        safe = table.clear_inputs(some, step)
+    else:
+        safe = table.inputs_of(some, ahead, step, None if among is None else inputs_in(among[held], count))
+    bits = np.zeros((held.size, 4 * -(-count // 32)), np.uint8)
+    bits[:, : -(-count // 8)] = np.packbits(safe, axis=1, bitorder="little")
+    out = np.full((len(cells), INPUTS + bits.shape[1] // 4), NOTHING)
+    out[:, INPUTS:] = 0
+    out[held, 0], out[held, INPUTS:] = to_go, bits.view("<u4")
+    out[held, 1] = chosen_of(table, some, step, ahead, to_go, safe, rule)  # -1 becomes NOTHING
+    return out
+
+
+def inputs_in(words: FloatArray, count: int) -> FloatArray:
+    """The inputs of words (M, ...), bool (M, count)."""
+    bits = np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)
+    return np.unpackbits(bits, axis=1, count=count, bitorder="little").view(np.bool_)
+
+
+def chosen_of(
+    table: Any, cells: FloatArray, step: int, ahead: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
+) -> FloatArray:
+    """Which of the safe inputs (M, L) a rule prefers at the centres of cells (M, ndim); -1 where there is none."""
+    count = safe.sum(axis=1)
+    chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
+    some = np.flatnonzero(count > 1)
+    if rule is None or not some.size:
+        return chosen
+    if isinstance(rule, tuple):
+        order = np.array(rule)
+        chosen[some] = order[safe[some][:, order].argmax(axis=1)]
+        return chosen
+    centres = table.centres(cells[some])
+    places = table.proof.places(cells[some])
+    _, first, rows = np.unique(places, return_index=True, return_inverse=True)
+    moves = table.problem.interval(step).displacements(centres[first])
+    rows = rows if len(moves) > 1 else np.zeros(some.size, np.int64)
+    margins = margins_of(table, centres, step, ahead[some], safe[some], moves, rows)
+    if rule == "deepest":
+        chosen[some] = margins.argmin(axis=1)
+        return chosen
+    batch = Batch(centres, step, 1, to_go[some], safe[some], margins, chosen[some])
+    scores = np.full(margins.shape, np.inf)
+    scores[safe[some]] = RULES[rule](Candidates(table.problem, batch, *np.nonzero(safe[some])))
+    chosen[some] = preferred(scores, margins)
+    return chosen
+
+
+def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
+    """The inputs of least score, of equals that of least margin, of both (M, L): (M,)."""
+    least = scores.min(axis=1, keepdims=True)
+    return np.where(scores == least, margins, np.inf).argmin(axis=1)
+
+
+class Words:
+    """The words of a table that were asked for, a layer for each step, within and rule."""
+
+    def __init__(self) -> None:
+        self.layers: dict[Any, Layer] = {}
+
+    def __reduce__(self) -> Any:
+        return Words, ()  # locks cannot be copied
+
+    def look(
+        self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Steps to go (M,), proved inputs (M, L) and the preferred ones (M,) of states (M, ndim); -1 is none."""
+        alike = table.problem.timeless and not table.problem.stays  # a word of step 0 is one of all steps
+        start = 0 if alike else step
+        key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
+        if key not in self.layers:
+            self.layers.setdefault(key, Layer(width))
+        layer, count = self.layers[key], len(states)
+        out = (
+            np.empty(count, np.int64),
+            np.empty((count, len(table.problem.inputs)), np.bool_),
+            np.empty(count, np.int64),
+        )
+        for begin in range(0, count, CHUNK):
+            some = slice(begin, begin + CHUNK) if count > CHUNK else slice(None)
+            layer.look(table, states[some], key, table.steps - step, tuple(part[some] for part in out))
+        return out
+
+
+class Layer:
+    """Words by the number of their cell, in a hash table. Several threads may ask it."""
+
+    def __init__(self, width: int) -> None:
+        self.lock = threading.Lock()
+        self.empty(FIRST_SLOTS, width)
+
+    def empty(self, slots: int, width: int) -> None:
+        self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
+
+    def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
+        """Fill in `out` of `sdhj.kernels.words.look_up`."""
+        start, within, rule = key
+        missing = np.empty(len(states) << states.shape[1], np.int64)
+        with self.lock:
+            lacks = look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing)
+        if lacks:
+            numbers = np.unique(missing[:lacks])
+            cells = np.stack(np.unravel_index(numbers, table.shape), axis=1)
+            made = words_of(table, cells, start, within, rule)
+            with self.lock:
+                self.keep(numbers, made)
+                look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing[:0])
+
+    def keep(self, numbers: FloatArray, made: FloatArray) -> None:
+        """Keep words, and make room for them."""
+        slots = self.keys.size
+        while 2 * (self.used + numbers.size) > slots:
+            slots *= 2
+        if slots > self.keys.size:
+            held = self.keys != FREE
+            old = (self.keys[held], self.words[held]) if slots <= MOST_SLOTS else (numbers[:0], made[:0])
+            self.empty(max(FIRST_SLOTS, min(slots, MOST_SLOTS)), made.shape[1])
+            self.used += keep(*old, self.keys, self.words)
+        self.used += keep(numbers, made, self.keys, self.words)

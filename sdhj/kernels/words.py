@@ -1,0 +1,183 @@
+"""Words of cells, kept by the number of the cell from the first question about it on.
+
+A *word* is a row of uint32: the fewest steps to go, the input that a rule prefers, and the inputs that are proved, 32
+in a number, the first one lowest. `NOTHING` stands for no steps, and for no input.
+"""
+
+import numpy as np
+
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.packed import cells_at, has_bit, row_and_bit
+
+NOTHING = np.uint32(0xFFFFFFFF)
+INPUTS = 2  # where the inputs of a word begin
+FREE = -1  # where no word is kept
+SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, which spreads neighbours
+
+
+@kernel(inline="always")
+def number_of(cell, counts):
+    """The flat number of a cell, the last axis fastest."""
+    number = 0
+    for axis in range(cell.size):
+        number = number * counts[axis] + cell[axis]
+    return number
+
+
+@kernel(inline="always")
+def slot_of(number, keys):
+    """Where the word of a cell is kept, or may be; keys are a power of two, and some of them are free."""
+    slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
+    while keys[slot] != number and keys[slot] != FREE:
+        slot = (slot + 1) & (keys.size - 1)
+    return slot
+
+
+@kernel(nogil=True)
+def look_up(states, cells, slack, kept, within, most, out, missing):
+    """What the words of the cells within slack (ndim,) of each state say, (M, ndim); how many words are missing.
+
+    Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
+    united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
+
+    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where
+    there is nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as
+    fit.
+    """
+    (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
+    found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
+    for m in range(states.shape[0]):
+        to_go[m], safe[m], chosen[m], fewest = -1, False, -1, most + 1
+        for k in range(cells_at(states[m], cells, slack, found)):
+            number = number_of(found[k], cells.counts)
+            slot = slot_of(number, keys)
+            if keys[slot] == FREE:
+                if lacks < missing.size:
+                    missing[lacks] = number
+                    lacks += 1
+                continue
+            word = words[slot]
+            steps = np.int64(word[0])
+            if steps > most:
+                continue
+            to_go[m] = steps if to_go[m] < 0 else min(to_go[m], steps)
+            ahead = max(steps, within)
+            if ahead < fewest:
+                fewest, chosen[m], safe[m] = ahead, -1, False
+            if ahead == fewest:
+                for j in range(safe.shape[1]):
+                    safe[m, j] |= (word[INPUTS + (j >> 5)] >> np.uint32(j & 31)) & np.uint32(1) != 0
+                if chosen[m] < 0 and word[1] != NOTHING:
+                    chosen[m] = word[1]
+    return lacks
+
+
+@kernel(nogil=True)
+def keep(numbers, some, keys, words):
+    """Keep the words `some` (n, ...) of cells (n,); how many are new. There is room for them."""
+    new = 0
+    for i in range(numbers.size):
+        slot = slot_of(numbers[i], keys)
+        new += keys[slot] == FREE
+        keys[slot], words[slot] = numbers[i], some[i]
+    return new
+
+
+@kernel(nogil=True)
+def cells_near(states, cells, slack, rows, near):
+    """The cells within slack (ndim,) of states (M, ndim), and whose: rows (n,), near (n, ndim); how many they are."""
+    found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
+    for m in range(states.shape[0]):
+        for k in range(cells_at(states[m], cells, slack, found)):
+            rows[count], near[count] = m, found[k]
+            count += 1
+    return count
+
+
+@kernel(nogil=True)
+def fewest_of_cells(some, cells, index, pool, out):
+    """The first of nested sets that holds each of some cells (M, ndim), as `fewest_steps` of states: out (M,)."""
+    for m in range(some.shape[0]):
+        row, bit = row_and_bit(some[m], cells)
+        least, most = 0, index.shape[0]
+        while least < most:
+            middle = (least + most) // 2
+            if has_bit(pool[index[middle, row]], bit):
+                most = middle
+            else:
+                least = middle + 1
+        out[m] = least
+
+
+# ---- packing
+
+
+@kernel(nogil=True)
+def cells_of_blocks(first, sides, counts, out):
+    """The cells of blocks first, first + 1, ...: out (B, cells, ndim). Past the end of an axis its last cell again."""
+    ndim = sides.size
+    for b in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            block, inside = first + b, c
+            for back in range(ndim):
+                axis = ndim - 1 - back
+                blocks = (counts[axis] - 1) // sides[axis] + 1
+                cell = block % blocks * sides[axis] + inside % sides[axis]
+                out[b, c, axis] = min(cell, counts[axis] - 1)
+                block, inside = block // blocks, inside // sides[axis]
+
+
+@kernel(nogil=True)
+def number_records(records, known, used, slots, out):
+    """The numbers of records (n, bytes) among the known ones (most, bytes), to which new ones are added: out (n,).
+
+    slots (K,) int64: a hash table of numbers, -1 where there is none. Returns how many are known then, or -1 where
+    there is no room for all: then nothing in `out` counts.
+    """
+    for i in range(records.shape[0]):
+        mixed = np.uint64(0)
+        for byte in records[i]:
+            mixed = (mixed ^ np.uint64(byte)) * SPREAD
+        slot = np.int64(mixed >> np.uint64(32)) & (slots.size - 1)
+        while slots[slot] >= 0 and not np.array_equal(known[slots[slot]], records[i]):
+            slot = (slot + 1) & (slots.size - 1)
+        if slots[slot] < 0:
+            if used == known.shape[0]:
+                return -1
+            known[used], slots[slot] = records[i], used
+            used += 1
+        out[i] = slots[slot]
+    return used
+
+
+@kernel(nogil=True)
+def pack_block(numbers, width, seen, out):
+    """Write a block's numbers (cells,) as the bits of an entry, the palette and the entries; how many bytes these are.
+
+    The palette has the numbers in the order in which they come, each of `width` bytes. seen (words,) int64: scratch, -1
+    everywhere, which it is again in the end. out: room for the bytes.
+    """
+    colours = 0
+    for number in numbers:
+        if seen[number] < 0:
+            seen[number] = colours
+            for byte in range(width):
+                out[3 + colours * width + byte] = (number >> (8 * byte)) & 255
+            colours += 1
+    bits = 0
+    while (1 << bits) < colours:
+        bits += 1
+    out[0], out[1], out[2] = bits, colours & 255, colours >> 8
+    begin, held, room = 3 + colours * width, 0, 0
+    for number in numbers:
+        held |= seen[number] << room
+        room += bits
+        while room >= 8:
+            out[begin] = held & 255
+            begin, held, room = begin + 1, held >> 8, room - 8
+    if room > 0:
+        out[begin] = held
+        begin += 1
+    for number in numbers:
+        seen[number] = -1
+    return begin

@@ -1,0 +1,142 @@
+"""What an exported table claims beyond what is proved is refused, field by field; and what was written is proved."""
+
+import zlib
+from functools import cache
+from hashlib import sha256
+
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj.certified.check import verify
+from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.exported import Words, claims
+from sdhj.certified.check.reading import head_and_arrays
+from sdhj.certified.check.robots import Robot
+from sdhj.certified.export import FIELDS, packed_table
+
+
+@cache
+def robot():
+    return sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 24), parts=3), play=False, progress=False)
+
+
+@cache
+def arm():
+    problem = sdhj.arm_case_study(nodes=9, steps=1)
+    return sdhj.solve(problem, sdhj.Certified(cells=(42, 42, 12, 12)), play=False, progress=False)
+
+
+def exported_of(table):
+    if id(table) not in KEPT:
+        KEPT[id(table)] = packed_table(table, FIELDS, "deepest", 0, False)
+    return KEPT[id(table)]
+
+
+KEPT = {}
+
+
+def words_of(data):
+    """Where the words of a file are: begin, bytes of one, how many."""
+    return 560, int.from_bytes(data[48:52], "little"), int.from_bytes(data[52:56], "little")
+
+
+def signed(data):
+    """With a digest and a checksum of its own."""
+    data[128:160] = sha256(data[160:]).digest()
+    data[12:16] = zlib.crc32(bytes(data[:12] + data[16:])).to_bytes(4, "little")
+    return bytes(data)
+
+
+def failed(table, data, folder):
+    """The claims of an exported table that are not proved of its table."""
+    table.save(folder / "table.h5")
+    (folder / "sdhj_table.bin").write_bytes(data)
+    words = Words(folder / "sdhj_table.bin")
+    with head_and_arrays(folder / "table.h5") as (head, arrays):
+        sets = Arm(head, arrays) if table.proof.kind == "arm" else Robot(head, arrays, None)
+        return {claim.name for claim in claims(words, sets, head, True) if claim.failed}
+
+
+def test_the_verdict_has_the_claims_of_both(tmp_path):
+    robot().save(tmp_path / "table.h5")
+    for forged_one in (False, True):
+        data = forged(robot(), "safe", FORGERIES["safe"]) if forged_one else exported_of(robot())
+        (tmp_path / "sdhj_table.bin").write_bytes(data)
+        verdict = verify(tmp_path / "table.h5", exported=tmp_path / "sdhj_table.bin", progress=False)
+        assert verdict.ok != forged_one and "exported: filter" in str(verdict) and "one step nearer" in str(verdict)
+
+
+@pytest.mark.parametrize("only", [FIELDS, ("select",), ("steps", "clear"), ("filter",)], ids="+".join)
+@pytest.mark.parametrize("rule", ["deepest", "effort"])
+def test_what_is_exported_is_proved(tmp_path, only, rule):
+    assert failed(robot(), packed_table(robot(), only, rule, 0, False), tmp_path) == set()
+
+
+def forged(table, field, change):
+    """The file in which one word of each that has the field claims more; change(bytes of it, word) in place."""
+    data = bytearray(exported_of(table))
+    mask = -(-len(table.problem.inputs) // 8)
+    sizes = dict(zip(FIELDS, (4, 2, mask, mask, mask), strict=True))
+    at = sum(sizes[one] for one in FIELDS[: FIELDS.index(field)])
+    begin, size, count = words_of(data)
+    for word in range(count):
+        own = begin + word * size + at
+        data[own : own + sizes[field]] = change(bytes(data[own : own + sizes[field]]))
+    return signed(data)
+
+
+FORGERIES = {
+    "steps": lambda own: b"\1\0\0\0" if own == b"\xff" * 4 else own,
+    "select": lambda own: b"\0\0" if own < b"\xfe\xff" or own == b"\xff\xff" else own,
+    "safe": lambda own: bytes([own[0] | 1]) + own[1:],
+    "filter": lambda own: bytes([own[0] | 2]) + own[1:],
+    "clear": lambda own: bytes([own[0] | 4]) + own[1:],
+}
+
+
+@pytest.mark.parametrize("field", FIELDS)
+@pytest.mark.parametrize("table", [robot, pytest.param(arm, marks=pytest.mark.slow)], ids=["robot", "arm"])
+def test_a_word_that_claims_more_is_refused(tmp_path, table, field):
+    assert f"exported: {field}" in failed(table(), forged(table(), field, FORGERIES[field]), tmp_path)
+
+
+@pytest.mark.slow
+def test_what_is_exported_of_an_arm_is_proved(tmp_path):
+    assert failed(arm(), exported_of(arm()), tmp_path) == set()
+
+
+def test_two_words_that_change_places_are_refused(tmp_path):
+    data = bytearray(exported_of(robot()))
+    begin, size, count = words_of(data)
+    rng = np.random.default_rng(0)
+    first, second = rng.choice(count, 2, replace=False).tolist()
+    one, other = (slice(begin + word * size, begin + word * size + size) for word in (first, second))
+    data[one], data[other] = data[other], data[one]
+    assert failed(robot(), signed(data), tmp_path)
+
+
+def test_cells_claimed_elsewhere_are_refused(tmp_path):
+    """Cells that begin elsewhere, or are wider; inputs, steps and interval of another robot."""
+    data = exported_of(robot())
+    _, size, count = words_of(data)
+    inputs = 560 + -(-size * count // 8) * 8
+    for at in (208, 256, 304, 352, 400, 544, 496, 96, inputs, 32):
+        bad = bytearray(data)
+        bad[at + 6 if at > 250 else at] ^= 1
+        try:
+            assert failed(robot(), signed(bad), tmp_path) == {"exported: the cells and inputs are the table's"}, at
+        except ValueError as error:
+            assert "exported table" in str(error)
+
+
+def test_damage_is_refused(tmp_path):
+    data, rng = exported_of(robot()), np.random.default_rng(0)
+    for at in [*rng.integers(0, len(data), 20).tolist(), 12, len(data) - 1]:
+        bad = bytearray(data)
+        bad[at] ^= 16
+        with pytest.raises(ValueError, match="exported table must be whole"):
+            failed(robot(), bytes(bad), tmp_path)
+    with pytest.raises(ValueError, match="exported table must be whole"):
+        failed(robot(), data[:-8], tmp_path)

@@ -1,0 +1,352 @@
+"""A certified table as C: it answers as Python does, bit for bit, and refuses whatever is not the file it was."""
+
+import re
+import shutil
+import subprocess
+import zlib
+from dataclasses import replace
+from functools import cache
+
+import digest_cases
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj.certified.export import FIELDS, STATUS
+
+pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
+STRICT = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror"]
+EVERY = ("steps_to_go", "select", "fallback", "filter", "filter_command", "safe_inputs", "clear_inputs")
+
+
+def many_inputs():
+    """A robot in the plane with 65 inputs, so that masks have nine bytes and words more than two numbers."""
+    angles = np.arange(64) * 2 * np.pi / 64
+    inputs = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angles), np.sin(angles)], axis=1)]).round(3)
+    return digest_cases.plane(*digest_cases.thin("nodes").unsafe[:1]), inputs
+
+
+def with_inputs(problem, inputs):
+    dynamics = sdhj.Dynamics(inputs=inputs, drift=inputs, gain=np.eye(2), bounds=[0.05, 0.05])
+    return replace(problem, dynamics=dynamics)
+
+
+def senses():
+    return replace(digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03)))
+
+
+def oddly_named():
+    names = ["*/ #error", "\u03b8 \\"]
+    problem = toys.torus_problem()
+    return replace(problem, grid=replace(problem.grid, names=names), name='"a" /* b */')
+
+
+CASES = {
+    "line": (toys.interval_problem, sdhj.Certified(cells=(80,))),
+    "oddly named": (oddly_named, sdhj.Certified(cells=(30, 30))),
+    "torus": (toys.torus_problem, sdhj.Certified(cells=(60, 60))),
+    "moves": (lambda: digest_cases.tide(turning=True), sdhj.Certified(cells=(32, 24), parts=3)),
+    "measured": (senses, sdhj.Certified(cells=(80, 60), parts=4)),
+    "safe ends": (
+        digest_cases.CASES["cart, safe ends, certified"].problem,
+        digest_cases.CASES["cart, safe ends, certified"].method,
+    ),
+    "car": (toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
+    "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),
+    "for ever": (
+        lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
+        sdhj.Certified(cells=(40, 40), parts=4),
+    ),
+    "arm": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method),
+}
+
+
+@cache
+def solved(name):
+    problem, method = CASES[name]
+    return sdhj.solve(problem(), method, progress=False, play=False)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    @cache
+    def one(name, **options):
+        return sdhj.export_c(solved(name), tmp_path_factory.mktemp("export"), progress=False, **options)
+
+    return one
+
+
+def states_of(table, count, seed=0):
+    """States anywhere, past the ends, on edges of cells within twice the slack, at seams, and laps away."""
+    rng, grid = np.random.default_rng(seed), table.grid
+    lower, upper = np.array(grid.lower), np.array(grid.upper)
+    states = rng.uniform(lower - 0.02 * (upper - lower), upper + 0.02 * (upper - lower), (count, grid.ndim))
+    on = np.stack([rng.choice(axis.edges(), count) for axis in table.axes], axis=1)
+    beside = rng.choice([0.0, 0.1, 0.99, 1.0, 1.01, 1.9], states.shape) * table.proof.shell
+    on += beside * rng.choice([-1.0, 1.0], states.shape)
+    states = np.where(rng.random(states.shape) < 0.4, on, states)
+    laps = rng.integers(-3, 4, states.shape) * np.where(grid.periodic, upper - lower, 0.0)
+    return states + np.where(rng.random((count, 1)) < 0.2, laps, 0.0)
+
+
+def assert_alike(table, c, states, step):
+    """Steps, safe and clear inputs, the choice and the filter, bit for bit."""
+    controller = sdhj.Controller(table)
+    states_there = controller.predict(states, None, step)  # what errs is clipped to the grid
+    batch = controller.batch(states_there, step)
+    status, steps = c.steps_to_go(states, step)
+    assert np.array_equal(status == 0, batch.steps_to_go >= 0)
+    assert np.array_equal(steps[status == 0], batch.steps_to_go[status == 0])
+    assert np.array_equal(c.safe_inputs(states, step)[1], batch.safe)
+    status, chosen = c.select(states, step)
+    assert np.array_equal(np.where(status == 0, chosen, -1), controller.choose(batch))
+    if step == table.steps:
+        assert (status < 0).all()
+        return
+    assert np.array_equal(c.clear_inputs(states, step)[1], table.hazards(states_there, step) <= 0.0)
+    status, away = c.fallback(states, step)
+    clear = c.clear_inputs(states, step)[1]
+    assert (
+        np.array_equal(status == 0, clear.any(axis=1)) and clear[np.flatnonzero(status == 0), away[status == 0]].all()
+    )
+    if not table.problem.timeless or step == 0:
+        rng = np.random.default_rng(step)
+        wanted = rng.integers(0, len(table.problem.inputs), len(states))
+        commands = table.problem.inputs[wanted] + rng.normal(0.0, 0.3, table.problem.inputs[wanted].shape).round(1)
+        for what, asked in (("filter", wanted), ("filter_command", commands)):
+            told = controller.filter(states_there, step, asked)
+            status, chosen = c.ask(what, states, step, asked)
+            assert np.array_equal(status == 0, told.promised)
+            assert np.array_equal(chosen[status == 0], told.inputs[told.promised])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_c_answers_as_python_does(exported, name):
+    table, c = solved(name), exported(name)
+    assert c.selftest() == 0
+    for step in {0} if table.problem.timeless else {0, 1, table.steps - 1, table.steps}:
+        assert_alike(table, c, states_of(table, 2000), step)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_c_answers_as_python_does_in_a_million_states(exported, name):
+    table, c = solved(name), exported(name)
+    for seed in range(100):
+        assert_alike(table, c, states_of(table, 10_000, seed + 1), 0 if table.problem.timeless else seed % table.steps)
+
+
+@pytest.mark.parametrize("rule", ["effort", "target", "clearance"])
+def test_built_in_rules(exported, rule):
+    table, c = solved("car"), exported("car", rule=rule)
+    controller, states = sdhj.Controller(table, rule=rule), states_of(table, 2000)
+    status, chosen = c.select(states)
+    assert np.array_equal(np.where(status == 0, chosen, -1), controller.choose(controller.batch(states, 0)))
+
+
+@pytest.mark.parametrize("only", [("select",), ("steps",), ("select", "clear"), ("filter", "safe")])
+def test_what_is_left_out_is_said(exported, only):
+    table, c = solved("car"), exported("car", only=only)
+    assert c.selftest() == 0 and c.nbytes < exported("car").nbytes
+    states = states_of(table, 500)
+    for what, field in zip(EVERY, ("steps", "select", "clear", "filter", "filter", "safe", "clear"), strict=True):
+        status, _ = c.ask(what, states)
+        assert ((status == STATUS["LEFT_OUT"]).any() or (status < 0).all()) == (field not in only), what
+    if only == ("select",):
+        status, chosen = c.select(states)
+        _, proved = exported("car").safe_inputs(states)
+        _, later = exported("car").ask("safe_inputs", states)
+        inside = np.flatnonzero(status == 0)
+        assert inside.size and proved[inside].any(axis=1).all() and later[inside, chosen[inside]].mean() > 0.99
+
+
+def test_states_that_are_none_have_a_status_and_the_braking_input(exported):
+    c = exported("safe ends", brake=1)
+    table = solved("safe ends")
+    low, high = np.array(table.grid.lower), np.array(table.grid.upper)
+    middle = (low + high) / 2
+    for axis, value in ((0, np.nan), (1, np.inf), (0, -np.inf)):
+        q = middle.copy()
+        q[axis] = value
+        status, chosen = c.select(q)
+        assert status[0] == -4 and chosen[0] == 1
+    past = middle.copy()
+    past[0] = low[0] - 0.1  # a safe end
+    assert c.select(past)[0][0] == STATUS["PAST_SAFE_END"] and c.select(past)[1][0] == 1
+    past[0] = high[0] + 0.1
+    assert c.select(past)[0][0] == STATUS["OFF_GRID"]
+    past[0], past[1] = low[0] - 0.1, high[1] + 9.0  # two ends, of which one is not safe
+    assert c.select(past)[0][0] == STATUS["OFF_GRID"]
+
+
+def test_goals_need_no_input(exported):
+    table, c = solved("car"), exported("car")
+    states = states_of(table, 5000)
+    arrived = c.steps_to_go(states)[1] == 0
+    status, _ = c.select(states[arrived])
+    assert set(status.tolist()) == {0, STATUS["IN_TARGET"]}
+    assert np.array_equal(status == 0, c.safe_inputs(states[arrived])[1].any(axis=1))
+
+
+# ---- files that are not what they were
+
+
+def refusals(folder, files, digest="NULL"):
+    """How many of some files sdhj_open takes, by a program that reads them from a list."""
+    source = folder / "open.c"
+    source.write_text("""
+#include "sdhj.h"
+#include <stdio.h>
+#include <stdlib.h>
+int main(void) {
+  static unsigned char bytes[1 << 22];
+  unsigned long size, taken = 0, seen = 0;
+  while (scanf("%lu", &size) == 1) {
+    sdhj_table t; unsigned char *own; uint32_t input; double q[6] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1};
+    if (getchar() != 10 || fread(bytes, 1, size, stdin) != size) return 2;
+    own = (unsigned char *)malloc(size ? size : 1); memcpy(own, bytes, size); seen++;
+    if (sdhj_open(&t, own, size, NULL) == SDHJ_OK) { taken++; sdhj_select(&t, 0, q, &input); sdhj_selftest(&t); }
+    free(own);
+  }
+  printf("%lu %lu", seen, taken);
+  return 0;
+}
+""")
+    program = folder / "open"
+    if not program.exists():
+        flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-O1"]
+        subprocess.run(["gcc", "-std=c99", *flags, f"-I{folder}", str(source), "-o", str(program)], check=True)
+    data = b"".join(b"%d\n" % len(one) + one for one in files)
+    told = subprocess.run([str(program)], input=data, capture_output=True, check=True)
+    return [int(word) for word in told.stdout.split()]
+
+
+def damaged(data, rng, count):
+    for _ in range(count):
+        bad = bytearray(data)
+        kind = rng.integers(0, 4)
+        if kind == 0:
+            bad[int(rng.integers(0, len(bad)))] ^= 1 << int(rng.integers(0, 8))
+        elif kind == 1:
+            at = int(rng.integers(0, len(bad) - 8))
+            bad[at : at + 8] = rng.integers(0, 256, 8, np.uint8).tobytes()
+        elif kind == 2:
+            del bad[int(rng.integers(0, len(bad))) :]
+        else:
+            bad[0:600] = bytes(bad[0:600][: int(rng.integers(0, 600))]).ljust(600, b"\1")
+        yield bytes(bad) if bytes(bad) != data else data[:-1]
+
+
+@pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_damaged_and_truncated_files_are_refused(exported, count):
+    c, rng = exported("torus"), np.random.default_rng(0)
+    assert refusals(c.folder, [c.data]) == [1, 1]
+    assert refusals(c.folder, list(damaged(c.data, rng, count))) == [count, 0]
+    for at in range(560):  # every byte of the head
+        assert (
+            refusals(c.folder, [c.data[:at] + bytes([c.data[at] ^ 1]) + c.data[at + 1 :]]) == [1, 0]
+            if at % 40 == 0
+            else 1
+        )
+
+
+def test_numbers_that_lie_are_refused_or_harmless_although_the_checksum_fits(exported):
+    """Whoever writes a checksum of his own may get wrong answers, but reads no byte that is not of the table."""
+    c, rng, files = exported("torus"), np.random.default_rng(1), []
+    for _ in range(1500):
+        bad = bytearray(c.data)
+        at = int(rng.choice([rng.integers(16, 96), rng.integers(160, 560), rng.integers(560, len(bad) - 4)]))
+        bad[at : at + 4] = rng.choice([rng.integers(0, 256, 4, np.uint8), np.array([255] * 4, np.uint8)]).tobytes()
+        bad[12:16] = zlib.crc32(bytes(bad[:12] + bad[16:])).to_bytes(4, "little")
+        files.append(bytes(bad))
+    seen, _ = refusals(c.folder, files)  # under sanitizers, which end the program
+    assert seen == 1500
+
+
+def test_the_table_of_another_robot_is_refused(exported):
+    c, other = exported("torus"), exported("car")
+    source = other.folder / "other.c"
+    source.write_text("""
+#include "sdhj.h"
+#include "sdhj_robot.h"
+#include <stdio.h>
+int main(int argc, char **argv) {
+  static unsigned char bytes[1 << 22]; sdhj_table t; FILE *file = fopen(argv[argc - 1], "rb");
+  size_t size = fread(bytes, 1, sizeof bytes, file);
+  printf("%d", (int)sdhj_open(&t, bytes, size, sdhj_robot_digest)); fclose(file);
+  return 0;
+}
+""")
+    program = other.folder / "other"
+    subprocess.run(["gcc", "-std=c99", *STRICT, f"-I{other.folder}", str(source), "-o", str(program)], check=True)
+    told = [
+        subprocess.run([str(program), str(one.folder / "sdhj_table.bin")], capture_output=True) for one in (other, c)
+    ]
+    assert [one.stdout for one in told] == [b"0", b"-6"]
+
+
+PROGRAM = """
+#include "sdhj.h"
+#include "sdhj_robot.h"
+int main(void) {
+  sdhj_table t; uint32_t input, cell[6] = {0, 0, 0, 0, 0, 0}; uint8_t bits[SDHJ_ROBOT_MASK_BYTES]; sdhj_place place;
+  if (sdhj_open(&t, NULL, 0, sdhj_robot_digest) != SDHJ_OK) return 0;
+  sdhj_cell(&t, cell, &place);
+  return (int)sdhj_select_at(&t, 0, &place, &input) + (int)sdhj_safe_inputs_at(&t, 0, &place, bits);
+}
+"""
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "g++", "clang", "clang++"])
+@pytest.mark.parametrize("name", ["torus", "oddly named"])
+def test_compilers_find_nothing_to_say(exported, compiler, name):
+    if not shutil.which(compiler):
+        pytest.skip(f"there is no {compiler}")
+    folder = exported(name).folder
+    plus = compiler.endswith("++")
+    kinds = ["-x", "c++", "-std=c++11"] if plus else ["-std=c99"]
+    for more in ([], ["-DSDHJ_NO_FLOAT"], ["-O3"], ["-std=c++20"] if plus else ["-std=c11"]):
+        command = [compiler, *kinds, *STRICT, *more, f"-I{folder}", "-c", "-", "-o", str(folder / "program.o")]
+        command[1:1] = [] if "++" in compiler else ["-x", "c"]
+        subprocess.run(command, input=PROGRAM.encode(), check=True)
+
+
+def test_fused_multiply_adds_change_nothing(exported, monkeypatch):
+    monkeypatch.setattr("sdhj.certified.export.FLAGS", ("-std=gnu99", "-O3", "-march=native", "-shared", "-fPIC"))
+    table = solved("car")
+    c = sdhj.certified.export.Exported(exported("car").folder, table)
+    assert_alike(table, c, states_of(table, 2000), 0)
+
+
+# ---- what is refused
+
+
+def test_what_cannot_be_exported_is_refused_in_a_line(tmp_path):
+    grid_table = sdhj.solve(toys.torus_problem(), progress=False, play=False)
+    with pytest.raises(ValueError, match=r'only certified tables are exported.*method="certified"'):
+        sdhj.export_c(grid_table, tmp_path)
+    late = sdhj.solve(
+        digest_cases.CASES["plane, sensing, certified"].problem(), sdhj.Certified(cells=(40, 30), parts=3), play=False
+    )
+    with pytest.raises(ValueError, match="delay is not exported"):
+        sdhj.export_c(late, tmp_path)
+    table = solved("torus")
+    for options, sentence in (
+        ({"rule": "best"}, "rule must be"),
+        ({"only": ("speed",)}, "only must be"),
+        ({"only": ()}, "only must name some of"),
+        ({"brake": 99}, "brake must be a whole number"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            sdhj.export_c(table, tmp_path, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_header_of_a_robot_says_what_it_is(exported):
+    table, c = solved("car"), exported("car")
+    text = (c.folder / "sdhj_robot.h").read_text()
+    assert f"#define SDHJ_ROBOT_STEPS {table.steps}" in text and table.problem.digest in text
+    rows = re.findall(r"\{(-?[0-9.e+-]+(?:, -?[0-9.e+-]+)*)\},", text)
+    assert np.array_equal([[float(x) for x in row.split(", ")] for row in rows], table.problem.inputs)
+    assert all(field in text for field in FIELDS)
