@@ -234,10 +234,10 @@ def test_the_name_of_another_problem_is_found(of, saved, tmp_path):
 def test_the_command_compares_with_a_problem(saved, tmp_path, monkeypatch):
     """A file that is true of its own robot is refused beside another."""
     path = shutil.copy(saved(robot), tmp_path / "forged.h5")
-    (tmp_path / "mine.py").write_text(f"import sys\nsys.path.insert(0, {os.path.dirname(__file__)!r})\n" + OWN)
+    (tmp_path / "two_robots.py").write_text(f"import sys\nsys.path.insert(0, {os.path.dirname(__file__)!r})\n" + OWN)
     monkeypatch.chdir(tmp_path)
     for name, status in (("own", 0), ("another", 2)):
-        shown = CliRunner().invoke(main, ["verify", str(path), "--problem", f"mine:{name}"])
+        shown = CliRunner().invoke(main, ["verify", str(path), "--problem", f"two_robots:{name}"])
         assert shown.exit_code == status, shown.output
         assert ("another problem" in shown.output) == (status == 2)
 

@@ -332,7 +332,7 @@ class CertifiedTable(Table):
             If `rounding` is no number of at least 0.
         """
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
-        return int((self.proof.shell / each).min())
+        return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
 
     def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
         """Why a state is not certified: which obligation of the proof each input fails, and what may help.

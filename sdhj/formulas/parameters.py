@@ -7,8 +7,8 @@ import inspect
 from collections.abc import Sequence
 from typing import Any
 
-NAMES = {"u": "the input", "v": "the disturbance", **dict.fromkeys(("t", "t0", "t1"), "the time")}
-STATES = ("points", "q", "x", "p", "state", "states")  # what is called so is no input, disturbance or time
+KNOWN_NAMES = {"u": "the input", "v": "the disturbance", **dict.fromkeys(("t", "t0", "t1"), "the time")}
+STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so is no input, disturbance or time
 
 
 def parameters_of(
@@ -24,7 +24,7 @@ def parameters_of(
     given = getattr(function, "keywords", {})  # by a partial
     if lost := [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.name in known and p.name not in given]:
         raise ValueError(f"{name} of {signature} never gets {lost[0]}, which stands behind the *: leave the * out")
-    if places and (first := places[0].name) in NAMES:
+    if places and (first := places[0].name) in KNOWN_NAMES:
         rest = [p.name for p in places[1:] if p.name in known]
         both = [one for one in known if one in (first, *rest)]
         state, other = (f"({', '.join(['q', *one])})" for one in (rest or known[:1], both or known))
@@ -34,8 +34,8 @@ def parameters_of(
             instead = "only a velocity depends on it, as velocity(q, u, v)" if first == "v" else instead
         raise ValueError(
             f"{name} is a function of {signature}, and its first parameter is the state, whatever it is called; but "
-            f"{first} is the name of {NAMES[first]}. If it is the state, write {state}; if it is {NAMES[first]}, "
-            f"{instead}"
+            f"{first} is the name of {KNOWN_NAMES[first]}. If it is the state, write {state}; if it is "
+            f"{KNOWN_NAMES[first]}, {instead}"
         )
     return places
 
@@ -59,8 +59,8 @@ def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[
     except TypeError:
         raise ValueError(f"{expected}, got a function of {signature}") from None
     for place, (wanted, given) in enumerate(zip(takes, places, strict=False)):
-        other = given.name in NAMES or (
-            place >= len(first) and (given.name in STATES or given.default is not given.empty)
+        other = given.name in KNOWN_NAMES or (
+            place >= len(first) and (given.name in STATE_NAMES or given.default is not given.empty)
         )
         if place and given.name != wanted and other:
             raise ValueError(

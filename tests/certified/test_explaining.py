@@ -37,7 +37,7 @@ def test_what_is_certified_and_what_cannot_be_asked():
     assert told.inside and not told.failures and "by inputs [1]" in str(told)
     assert "off the grid" in fine.explain([11.0], 0).says
     assert fine.explain([3.1], 0).says == "The state is in the unsafe set 'post', whose level there is -0.3."
-    assert fine.explain([5.6], 0, 0).says == "The state is not in the target, whose level there is 0.4 > 0."
+    assert fine.explain([5.6], 0, 0).says == "The state is not in the target, whose level there is 0.3 > 0."
     assert fine.explain([7.0], 0, 0).inside
     for wrong, what in (([1.0, 2.0], "shape"), ([np.nan], "NaN")):
         with pytest.raises(ValueError, match=what):

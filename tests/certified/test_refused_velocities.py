@@ -31,7 +31,7 @@ CELLS = sdhj.Certified(cells=[400], parts=40)
         ),
         (
             lambda q, u: u[0] * (q / 1.5) ** 9,
-            r"velocity under input 1 grows too fast between \[2.3\d+\] and \[\d.*limit it, for example by np.minimum",
+            r"velocity under input 1 grows too fast between \[2.\d+\] and \[\d.*limit it, for example by np.minimum",
             lambda q, u: u[0] * np.minimum((q / 1.5) ** 9, 2.0),
         ),
     ],

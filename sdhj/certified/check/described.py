@@ -16,7 +16,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
 from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, MOST_TABLES, array, expect, is_whole, real
 
-ROUNDED = 1e-9  # of what a black box is, and may change by from zero on: more than it rounds, in any units
+BOX_ROUNDED = 1e-9  # of what a black box is, and may change by from zero on: more than it rounds, in any units
 ENDS = {"unsafe", "wall", "safe"}
 
 Times = tuple[float, float]
@@ -65,7 +65,7 @@ class BlackBox:
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
             value = self.shaped(self.given(place, *self.inputs, time))
-            near = ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
+            near = BOX_ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
             wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]
             what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
             expect(not wrong.size, what, value[wrong].tolist())
@@ -87,7 +87,7 @@ class BlackBox:
 
         value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
         size = np.abs(value) + change(np.abs(low + high) / 2, abs(sum(times)) / 2)
-        each = change(half, (times[1] - times[0]) / 2) * (1 + ROUNDED) + ROUNDED * size
+        each = change(half, (times[1] - times[0]) / 2) * (1 + BOX_ROUNDED) + BOX_ROUNDED * size
         return intervals.sure(value - each, value + each)
 
     def shaped(self, answer: Any) -> Array:

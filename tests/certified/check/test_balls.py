@@ -16,7 +16,7 @@ def formula(op):
     """An operation of two coordinates, or of truths about them."""
     leaves = (Node("x", (), (0,)), Node("x", (), (1,)), Node("less", (0, 1)), Node("const", (), (0.3,)))
     if op == "gridded":
-        node = Node(op, (0, 1), (TABLE, [0.05, 0.1], [0.2, 0.3]))
+        node = Node(op, (0, 1), (TABLE, [0.05, 0.1], [0.2, 0.3], {}))
     elif op == "where":
         node = Node(op, (2, 0, 1))
     elif op in ("and", "or", "not"):
