@@ -37,10 +37,10 @@ from sdhj import plotting
 from sdhj.arm.case_studies import arm_case_study
 from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
 from sdhj.kernels import FloatArray
+from sdhj.problem.cost import Cost
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Velocities
 from sdhj.simulation.runs import admissible_states
-from sdhj.solver.recursion import memory_needed
 from sdhj.solver.schemes import Scheme, evolve
 from sdhj.table.controller import RULES, Controller
 
@@ -283,8 +283,8 @@ def _measure_one(problem: Case, nodes: int, solvers: dict[tuple[str, int], Run],
     ]
 
 
-def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], tuple[float, int]]:
-    """Median seconds of solving the whole case study, kernels compiled, and bytes it needs: by method and nodes."""
+def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str, int], tuple[float, Cost]]:
+    """Median seconds of solving the whole case study, kernels compiled, and its stated cost: by method and nodes."""
     compile_kernels(INTERPOLATED)
     found = {}
     for n in nodes:
@@ -294,7 +294,7 @@ def measure_case_study(nodes: Sequence[int], repeats: int = 3) -> dict[tuple[str
             for method in INTERPOLATED:
                 seconds[method].append(_timed(sdhj.solve, problem, method=method, progress=False))
         for method in INTERPOLATED:
-            found[method, n] = float(np.median(seconds[method])), memory_needed(problem)
+            found[method, n] = float(np.median(seconds[method])), sdhj.estimate(problem, method)
     return found
 
 
@@ -338,12 +338,13 @@ def _timed(call: Callable[..., Any], *args: Any, **options: Any) -> float:
 
 
 def whole_table(
-    case_study: dict[tuple[str, int], tuple[float, int]], controller: dict[str, tuple[float, float]]
+    case_study: dict[tuple[str, int], tuple[float, Cost]], controller: dict[str, tuple[float, float]]
 ) -> str:
     """What `measure_case_study` and `measure_controller` found, as lines of text."""
-    lines = [f"{'whole case study':<26}{'nodes':>7}{'s':>10}{'GB needed':>12}"]
-    for (method, n), (seconds, needed) in case_study.items():
-        lines.append(f"{method:<26}{n:>7}{seconds:>10.2f}{needed / 1e9:>12.2f}")
+    lines = [f"{'whole case study':<26}{'nodes':>7}{'s':>10}{'GB needed':>12}{'operations':>12}{'in a second':>13}"]
+    for (method, n), (seconds, cost) in case_study.items():
+        much = f"{cost.nbytes / 1e9:>12.2f}{cost.operations:>12.1e}{cost.operations / seconds:>13.1e}"
+        lines.append(f"{method:<26}{n:>7}{seconds:>10.2f}{much}")
     lines += ["", f"{'controller':<26}{'us':>8}{'99%':>8}{'1/s':>12}"]
     for name, (median, slow) in controller.items():
         lines.append(f"{name:<26}{1e6 * median:>8.2f}{1e6 * slow:>8.2f}{1 / median:>12.0f}")

@@ -52,7 +52,7 @@ from sdhj.simulation.runs import monte_carlo, simulate
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.projections import Projected
 from sdhj.solver.schemes import Scheme
-from sdhj.solving import load, solve
+from sdhj.solving import estimate, load, solve
 from sdhj.table.controller import Controller, NotAdmissible
 from sdhj.table.files import VERSION as __version__
 from sdhj.table.files import TableFileError
@@ -78,6 +78,7 @@ __all__ = [
     "__version__",
     "arm_case_study",
     "complement",
+    "estimate",
     "evader_case_study",
     "gridded",
     "intersection",

@@ -26,6 +26,7 @@ from sdhj.arm.case_studies import arm_case_study
 from sdhj.arm.workspace import KINEMATICS
 from sdhj.certified.check import verify as check
 from sdhj.certified.sets import Certified
+from sdhj.certified.table import CertifiedTable
 from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
@@ -190,6 +191,9 @@ def info(table: Path) -> None:
             click.echo(f"    {what}: {why}")
         return
     read = load(table)
+    if isinstance(read, CertifiedTable):
+        steps_of = f"{read.steps_of_rounding()} steps in which all rounding, of 1e-14 each, falls to one side"
+        click.echo(f"  from the states that it contains, promises hold for {steps_of}")
     shares = [read.fraction(start=0, within=n) for n in range(steps + 1)]
     click.echo("  share of C inside from step 0: " + "  ".join(f"{n}: {share:.4f}" for n, share in enumerate(shares)))
 

@@ -4,23 +4,25 @@ import os
 import reprlib
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
-
-from tqdm import tqdm
 
 from sdhj.certified.explaining import scanty
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
+from sdhj.problem.checks import number
+from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.methods import METHODS, Method, method_of
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import Sets, recursion
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.solver.recursion import GridSets, Sets, recursion
+from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
-from sdhj.table.files import arrays_in, opened, problem_of_file
+from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -37,6 +39,7 @@ def solve(
     client: Any = None,
     memory: int | None = None,
     play: bool = True,
+    operations: float = MOST_OPERATIONS,
 ) -> Table:
     """Solve a problem: compute all tubes S_k^i and the inputs that are safe and make progress in them (Algorithm 1).
 
@@ -47,8 +50,9 @@ def solve(
         A name stands for the default options of `sdhj.HJI`, `sdhj.Projected` (Sec. 5.1), `sdhj.HopfLax` or
         `sdhj.Certified`, in this order; pass an object of the class for other options.
     progress : bool, optional
-        Whether to show a progress bar; by default if standard error is a terminal. For a problem without a number of
-        steps it shows the share of states that still change, and Ctrl-C ends the solve and returns the table so far.
+        Whether to show a progress bar; by default if standard error is a terminal. It states the cost and counts the
+        operations of `estimate`. For a problem without a number of steps it shows the share of states that still
+        change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
         A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
         (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
@@ -59,8 +63,13 @@ def solve(
     memory : int, optional
         Bytes of memory that one slab may use, by default half of what is available; it determines the size of slabs.
     play : bool
-        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; of a
-        certified table whether to warn where it has next to nothing.
+        Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
+        ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
+        to nothing. Whatever this meets (no start, a function that is undefined somewhere, Ctrl-C, too little memory)
+        becomes a warning, and the table is returned.
+    operations : float
+        What a solve may take at most, by the model of `estimate`, which knows the cost before anything is solved. The
+        default is some hours on two cores.
 
     Returns
     -------
@@ -69,7 +78,8 @@ def solve(
     Raises
     ------
     ValueError
-        If an option is unknown, or the method does not fit the problem or the store.
+        If an option is unknown, the method does not fit the problem or the store, or the solve takes more `operations`
+        than allowed; the message says what makes it so, for example the cells that the state crosses in an interval.
     MemoryError
         If more memory is needed than is available; raised before anything is solved.
     OSError, TableFileError
@@ -77,32 +87,81 @@ def solve(
     """
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    most = number("operations", operations, above=0.0)
+    for message in suspicions(problem):
+        warnings.warn(message, ResolutionWarning, stacklevel=2)
     if store is not None:
         from sdhj.outofcore import solve_stored
 
-        return solve_stored(problem, method, store, progress, resume, client, memory)
+        return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
-        sets = _filled(problem, method, progress)
+        sets = _filled(problem, method, progress, most)
         table = sets.finish({"seconds": time.perf_counter() - started})
-        if play and isinstance(table, CertifiedTable) and (message := scanty(table)):
-            warnings.warn(message, ResolutionWarning, stacklevel=2)
-        played = judged_at_the_end(table, stacklevel=2) if play and not table.proved else {}
+        played = _rehearsed(table, stacklevel=2) if play else {}
         return replace(cast(Any, table), details=dict(table.details) | played) if played else table
 
 
-def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None) -> Sets:
+def _rehearsed(table: Table, stacklevel: int) -> dict[str, Any]:
+    """What simulated runs say of a solved table, for its details; the table is kept whatever they meet."""
+    try:
+        if isinstance(table, CertifiedTable) and (message := scanty(table)):
+            warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+        return {} if table.proved else judged_at_the_end(table, stacklevel + 1)
+    except Warning:  # where the caller made warnings errors
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        why = "they were interrupted" if isinstance(error, KeyboardInterrupt) else f"{type(error).__name__}: {error}"
+        warnings.warn(
+            f"the table is complete, but the runs that are simulated at the end of a solve did not finish: {why}. With "
+            "play=False they are left out",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )
+        return {}
+
+
+def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
+    """State what `solve` in memory would cost, by the model by which it refuses what is too long, and solve nothing.
+
+    Raises
+    ------
+    ValueError
+        If the method does not fit the problem, or does not say what it costs.
+    MemoryError
+        As `solve`.
+
+    Examples
+    --------
+    What moves makes a solve N (N + 1) / 2 tubes long instead of N:
+
+    >>> import sdhj
+    >>> sdhj.estimate(sdhj.arm_case_study(nodes=13, steps=8)).tubes
+    36
+    """
+    chosen = method_of(method)
+    with Meter(chosen.name, True, only_stated=True) as meter, suppress(Stated):
+        chosen.sets(problem, False)
+    if meter.cost is None:
+        raise ValueError(f"method {chosen.name!r} does not say what it costs: see sdhj.problem.cost")
+    return meter.cost
+
+
+def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float) -> Sets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
-    sets, steps, endless = cast(Any, method.sets(problem, progress)), problem.most_steps, problem.steps is None
-    total = None if endless else steps if sets.timeless else steps * (steps + 1) // 2
-    with tqdm(total=total, desc=method.name, unit="tube", disable=hidden(progress)) as bar:
+    steps, endless = problem.most_steps, problem.steps is None
+    with Meter(method.name, hidden(progress), most) as meter:
+        sets = cast(Any, method.sets(problem, progress))
+        if not isinstance(sets, GridSets):
+            check_sets(problem, stacklevel=3)
+        meter.tube()
 
         def done() -> None:
-            bar.update()
+            meter.tube()
             if endless:
-                bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
+                meter.bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
 
         try:
             recursion(sets, steps, done)
@@ -141,6 +200,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
 
         return load_stored(path, problem)
     with opened(path) as (head, file):
-        problem = problem_of_file(path, head, arrays_in(file), problem)
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
+        require_entries(head, file)
+        problem = problem_of_file(path, head, arrays_in(file), problem)
         return kind.read(head, file, problem)

@@ -110,11 +110,11 @@ def tide(*, turning: bool) -> Any:
 
     dynamics = sdhj.Dynamics(
         FIVE,
-        drift if turning else lambda u, t: u + 0.2 * np.array([np.sin(t), np.cos(2 * t)]),
+        drift if turning else lambda q, u, t: u + 0.2 * np.array([np.sin(t), np.cos(2 * t)]),
         (lambda q, t: np.eye(2) * (1 + 0.3 * np.cos(q[:, 0] + t))[:, None, None])
         if turning
-        else lambda u: np.eye(2) * (1 + u[0]),
-        lambda u, t: np.stack([0.08 + 0.02 * np.sin(t) ** 2, 0.06 + 0.05 * abs(u[1])]),
+        else lambda q, u: np.eye(2) * (1 + u[0]),
+        lambda q, u, t: np.stack([0.08 + 0.02 * np.sin(t) ** 2, 0.06 + 0.05 * abs(u[1])]),
     )
     return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics, steps=4)
 

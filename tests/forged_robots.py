@@ -141,7 +141,7 @@ def blown(*, gain=0.2, bound=0.5):
             levels,
             lambda q, u: u + 0.0 * q,
             lambda q: gain * q[:, :, None],
-            lambda u: np.stack([np.where(u[0] > 0, bound, 0.5)]),
+            lambda q, u: np.stack([np.where(u[0] > 0, bound, 0.5)]),
         ),
     )
 
@@ -194,7 +194,7 @@ def surge():
     )
 
 
-def spread(*, steep=2.0, bounds=lambda u: np.stack([0.1 + 0.0 * u[0]]), **sensing):
+def spread(*, steep=2.0, bounds=lambda q, u: np.stack([0.1 + 0.0 * u[0]]), **sensing):
     """dx = u + steep sin(x) + v, measured with an error and late: what is not known grows with itself."""
     levels = [[0.0], [1.0]]
     return sdhj.ReachAvoidProblem(
@@ -284,7 +284,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "sliding": (sliding, (40, 4), 2),
     "surge": (surge, (120,), 2),
     "spread": (spread, (200,), 2),
-    "gusty": (lambda: spread(steep=0.0, bounds=lambda u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
+    "gusty": (lambda: spread(steep=0.0, bounds=lambda q, u, t: np.stack([0.1 + 0.1 * u[0] + 0.2 * t])), (200,), 2),
     "stream": (stream, (10, 10), 2),
     "rock at the lower end": (lambda: stream(rock=(0.02, 0.5, 0.02)), (10, 10), 2),
     "rock at the upper end": (lambda: stream(rock=(0.98, 0.5, 0.02)), (10, 10), 2),
@@ -424,7 +424,7 @@ class Forgery:
         path.write_bytes(whole)
         if self.becomes:
             describe(path, self.becomes())
-        with forged(path) as (told, arrays):
+        with forged(path, named=True) as (told, arrays):
             self.forge(told, arrays)
         return path
 

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import h5py
@@ -12,15 +12,31 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.restoring import arrays_of, described
 
+TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")
+
+
+def digest(told: dict[str, Any], arrays: h5py.File) -> str:
+    """What names a problem: SHA-256 of what the head says of it and of the arrays of its functions."""
+    said = {name: told[name] for name in TOLD}
+    if not isinstance(said["sensing"].get("error", []), list):
+        said["sensing"] = said["sensing"] | {"error": [said["sensing"]["error"]] * len(told["grid"]["shape"])}
+    groups = [(name, arrays[name]) for name in ("tables", "opaque") if name in arrays]
+    every = {f"{name}/{one}": group[one][()] for name, group in groups for one in group}
+    held = {name: [list(one.shape), hashlib.sha256(one.tobytes()).hexdigest()] for name, one in every.items()}
+    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
+
 
 @contextmanager
-def forged(path: Any) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """What the file tells and its arrays, both to be changed."""
+def forged(path: Any, *, named: bool = False) -> Iterator[tuple[dict[str, Any], h5py.File]]:
+    """What the file tells and its arrays, both to be changed. Named: the head then names what it tells, if it can."""
     first, _, text, *_ = path.read_bytes().split(b"\n", 3)
     told = json.loads(text)
     with h5py.File(path, "r+") as arrays:
         block = arrays.userblock_size
         yield told, arrays
+        if named:
+            with suppress(Exception):  # of what cannot be named there is nothing to name
+                told["digest"] = digest(told, arrays)
     image = path.read_bytes()[block:]
     text = json.dumps(told, sort_keys=True).encode() + b"\n"
     while len(first) + 74 + len(text) > block:
@@ -30,7 +46,7 @@ def forged(path: Any) -> Iterator[tuple[dict[str, Any], h5py.File]]:
 
 def describe(path: Any, problem: Any) -> None:
     """The file's robot becomes the one of a problem; its claims stay."""
-    with forged(path) as (told, arrays):
+    with forged(path, named=True) as (told, arrays):
         told.update(described(problem))
         for name, values in arrays_of(problem).items():
             if name in arrays:

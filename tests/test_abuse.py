@@ -155,7 +155,7 @@ def test_functions_that_write_to_what_they_are_given_are_named():
         p *= 0.0
         return p
 
-    def gain(u):
+    def gain(q, u):
         u[:] = 0.0
         return [[1.0]]
 
@@ -225,7 +225,7 @@ def test_a_function_that_answers_differently_is_named(name):
         else:
             shapes = {
                 "drift": lambda p, u: noise(p.shape),
-                "gain": lambda t: noise((1, 1)),
+                "gain": lambda q, t: noise((1, 1)),
                 "bounds": lambda t: noise(1),
             }
             moved_by(**{name: shapes[name]}).read(1)

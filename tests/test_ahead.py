@@ -179,7 +179,7 @@ def test_velocities_that_read_nothing_share_one_box() -> None:
         low, _ = problem.interval(0).reachable(np.zeros((3, 2)))
         assert low.shape == (1, 9, 2)
         np.testing.assert_allclose(low[0], 0.2 * (problem.inputs - 0.4), rtol=0, atol=1e-15)
-    tide = replace(constant, dynamics=Dynamics(inputs, lambda u, t: u * t, *rest))
+    tide = replace(constant, dynamics=Dynamics(inputs, lambda q, u, t: u * t, *rest))
     moved = [tide.interval(step).reachable(np.zeros((1, 2)))[1][0, 8, 0] for step in range(3)]
     np.testing.assert_allclose(moved, [0.2 * (2.0 * (0.2 * k + 0.1) + 0.4) for k in range(3)], rtol=0, atol=1e-12)
 

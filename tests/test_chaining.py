@@ -21,7 +21,7 @@ def chained(problem, table, within=None, **changed):
 @pytest.mark.parametrize("rate", [0.0, -0.3])
 @pytest.mark.parametrize("method", ["hji", CERTIFIED])
 def test_the_way_to_a_tube_and_on_is_the_tube_of_the_whole_way(method, rate):
-    """S_k^{n + m} is what reaches S^n within m steps: to the bit, with one clock where a wall comes nearer."""
+    """S_k^{n + m} is what reaches S^n within m steps, with one clock where a wall comes nearer."""
     problem = interval_problem(steps=5, rate=rate, ends="unsafe")
     whole = sdhj.solve(problem, method, progress=False)
     second = sdhj.solve(chained(problem, whole, within=2), method, progress=False)
@@ -30,7 +30,8 @@ def test_the_way_to_a_tube_and_on_is_the_tube_of_the_whole_way(method, rate):
         told = whole, (start, within + 2), second, (start, within)
         if method == "hji":
             one, other = (table.values(start=k, within=n) for table, (k, n) in (told[:2], told[2:]))
-            np.testing.assert_array_equal(one, other)
+            # where in the tube's grid a node lies is known to a rounding of 4 m: more than that of a value next to 0
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-15)
         else:
             one, other = (table.bits(start=k, within=n) for table, (k, n) in (told[:2], told[2:]))
             assert np.array_equal(one, other) and one.any() and not one.all()

@@ -338,7 +338,7 @@ def test_boxes_that_differ_at_one_end_only_have_margins_of_their_own() -> None:
     """The faster the input, the more it slips: all boxes begin at q - 0.25 and end at q - 0.25, q + 0.25, q + 0.75."""
     problem = toys.interval_problem(steps=2, unsafe=False)
     inputs = np.array([[-0.5], [0.0], [0.5]])
-    slipping = sdhj.Dynamics(inputs, inputs, [[1.0]], lambda u: np.array([u[0] + 0.5]))
+    slipping = sdhj.Dynamics(inputs, inputs, [[1.0]], lambda q, u: np.array([u[0] + 0.5]))
     table = solved(replace(problem, dynamics=slipping))
     for q, margins in ((0.0, [-0.75, -0.75, -0.25]), (0.3, [-0.95, -0.45, 0.05]), (-0.3, [-0.45, -0.45, -0.45])):
         batch = Controller(table).batch(np.array([[q]]), 0)

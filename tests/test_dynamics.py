@@ -16,6 +16,8 @@ import sdhj
 from sdhj import BlackBox, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.checks import arguments
 from sdhj.problem.interval import Interval
+from sdhj.solver.games import HJIGames
+from sdhj.solver.schemes import Scheme
 
 ROUNDING = 1e-12  # some dozen operations on numbers of order one
 
@@ -33,9 +35,9 @@ def tidal(**changes):
     """dx = u + sin(3 t) + (1 + u^2 / 4) v, dy = cos(2 t) - v / 2, |v| <= 0.1 + 0.3 |u| + 0.2 t."""
     parts = {
         "inputs": [[-1.0], [0.0], [2.0]],
-        "drift": lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2 * t)]),
-        "gain": lambda u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
-        "bounds": lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
+        "drift": lambda q, u, t: np.array([u[0] + np.sin(3 * t), np.cos(2 * t)]),
+        "gain": lambda q, u: np.array([[1 + u[0] ** 2 / 4], [-0.5]]),
+        "bounds": lambda q, u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t],
     }
     return Dynamics(**parts | changes)
 
@@ -61,7 +63,7 @@ def turning(**changes):
         "inputs": [[0.0], [1.0]],
         "drift": drift,
         "gain": lambda points, t: points[:, :, None] * (1 + t),
-        "bounds": lambda u: [0.2 + abs(u[0]) / 2],
+        "bounds": lambda q, u: [0.2 + abs(u[0]) / 2],
     }
     return Dynamics(**parts | changes)
 
@@ -91,10 +93,6 @@ def with_scale(points, u, scale=2.0):
         ("drift", lambda points, u: points, ("points", "u")),
         ("drift", lambda p, u: p, ("points", "u")),
         ("drift", lambda whatever, t, u: u, ("points", "t", "u")),
-        ("drift", lambda u: u, ("u",)),
-        ("drift", lambda t: t, ("t",)),
-        ("drift", lambda u, t: u, ("u", "t")),
-        ("drift", lambda t, u: u, ("t", "u")),
         ("drift", lambda q: q, ("points",)),
         ("drift", with_scale, ("points", "u")),
         ("drift", lambda points, u, t=0.0: points, ("points", "u", "t")),
@@ -105,16 +103,12 @@ def with_scale(points, u, scale=2.0):
         ("drift", BlackBox(lambda q, u, t: q), ("points", "u", "t")),
         ("gain", lambda points: points, ("points",)),
         ("gain", lambda p, u, t: p, ("points", "u", "t")),
-        ("gain", lambda u: u, ("u",)),
         ("bounds", lambda t: [t], ("t",)),
-        ("bounds", lambda u: u, ("u",)),
-        ("bounds", lambda u, t: u, ("u", "t")),
         ("bounds", lambda q: q, ("points",)),
         ("bounds", lambda place, t: place, ("points", "t")),
         ("bounds", lambda points, u, t: u, ("points", "u", "t")),
         ("velocity", lambda q, u, v: q, ("points", "u", "v")),
         ("velocity", lambda q, u, v, t: q, ("points", "u", "v", "t")),
-        ("velocity", lambda v, u: u, ("v", "u")),
     ],
 )
 def test_functions_say_what_they_take(name, function, takes):
@@ -131,7 +125,7 @@ def test_functions_say_what_they_take(name, function, takes):
             lambda q, w, s: q,
             r"of the state first and then of u, t, or .* names that are known, got \(q, w, s\)",
         ),
-        ("drift", lambda t, x: x, r"got \(t, x\)"),  # the state comes first
+        ("drift", lambda points, *, t=0.0: points, r"never gets t"),
         ("drift", lambda points, u, v: u, r"got \(points, u, v\)"),
         ("drift", lambda *args: args[0], r"got \(\*args\)"),
         ("drift", lambda points, *, wind: points, r"got \(points, \*, wind\)"),
@@ -160,11 +154,11 @@ def test_functions_are_called_with_what_they_name():
     """Once for each input, while the problem is made; afterwards nobody calls them."""
     calls = []
 
-    def drift(t, u):
+    def drift(q, t, u):
         calls.append(u.tolist())
         return [t, u[0]]
 
-    given = Dynamics([[3.0], [4.0]], drift, lambda t: [[t], [1.0]], lambda u: [u[0] / 8])
+    given = Dynamics([[3.0], [4.0]], drift, lambda q, t: [[t], [1.0]], lambda q, u: [u[0] / 8])
     assert calls == []
     dynamics = problem_of(given).dynamics
     made = len(calls)
@@ -223,9 +217,9 @@ def test_arrays_that_do_not_fit_the_grid_are_refused(change, said):
     ("change", "said"),
     [
         ({"drift": lambda p: p[:, :1]}, r"drift must return shape \(M, 2\), got \(M, 1\)"),
-        ({"drift": lambda u: [1.0]}, r"drift under input 0 must return shape \(2,\), got \(1,\)"),
+        ({"drift": lambda q, u: [1.0]}, r"drift under input 0 must return shape \(M, 2\), got \(1,\)"),
         ({"gain": lambda p: p}, r"gain must return shape \(M, 2, 1\), got \(M, 2\)"),
-        ({"gain": lambda t: [t]}, r"gain must return shape \(2, 1\), got \(1,\)"),
+        ({"gain": lambda q, t: [t]}, r"gain must return shape \(M, 2, 1\), got \(1,\)"),
         ({"bounds": lambda t: 0.1}, r"bounds must return the half-widths .* of v, shape \(D,\), got \(\)"),
         ({"bounds": lambda q, t: q[:, 0]}, r"bounds must return the half-widths .* shape \(M, D\), got \(M,\)"),
         ({"bounds": lambda t: ["a"]}, "bounds"),
@@ -284,15 +278,27 @@ def test_velocities_that_are_no_formula_or_come_twice_are_refused():
     ("change", "constant", "stateless", "timed", "alike"),
     [
         ({}, True, True, False, True),
-        ({"drift": lambda u: [u[0], 0.0]}, True, True, False, True),
-        ({"drift": lambda u, t: [u[0], t]}, False, True, True, True),
+        ({"drift": lambda q, u: [u[0], 0.0]}, True, True, False, True),
+        ({"drift": lambda q, u, t: [u[0], t]}, False, True, True, True),
         ({"drift": lambda points, u: points}, False, False, False, True),
         ({"gain": lambda points: points[:, :, None]}, False, False, False, True),
-        ({"gain": lambda u: [[u[0]], [1.0]]}, True, True, False, True),  # of one input
-        ({"gain": lambda u: [[u[0]], [1.0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, False, False),
+        ({"gain": lambda q, u: [[u[0]], [1.0]]}, True, True, False, True),  # of one input
+        (
+            {"gain": lambda q, u: [[u[0]], [1.0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)},
+            False,
+            True,
+            False,
+            False,
+        ),
         ({"bounds": lambda t: [t]}, False, True, True, True),
-        ({"bounds": lambda u, t: [t]}, False, True, True, True),
-        ({"bounds": lambda u, t: [t * u[0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)}, False, True, True, False),
+        ({"bounds": lambda q, u, t: [t]}, False, True, True, True),
+        (
+            {"bounds": lambda q, u, t: [t * u[0]], "inputs": [[1.0], [2.0]], "drift": np.eye(2)},
+            False,
+            True,
+            True,
+            False,
+        ),
         ({"bounds": lambda q: np.abs(q[:, :1])}, False, False, False, True),
         ({"drift": lambda points, u: points - points}, True, True, False, True),
         ({"drift": BlackBox(lambda q, u, t: q)}, False, False, True, True),
@@ -392,7 +398,7 @@ def test_velocities_in_time_reach_boxes_in_closed_form(step):
 
 
 def test_extremes_are_those_of_all_vertices():
-    dynamics, t = tidal(gain=[[1.0, -2.0], [0.5, 1.0]], bounds=lambda u, t: [0.1 + t, abs(u[0])]), 0.37
+    dynamics, t = tidal(gain=[[1.0, -2.0], [0.5, 1.0]], bounds=lambda q, u, t: [0.1 + t, abs(u[0])]), 0.37
     extremes = problem_of(dynamics).interval(1).extremes(t)
     for j, u in enumerate([-1.0, 0.0, 2.0]):
         drift = np.array([u + math.sin(3 * t), math.cos(2 * t)])
@@ -403,7 +409,7 @@ def test_extremes_are_those_of_all_vertices():
 
 
 def test_a_slip_that_grows_with_speed_widens_the_boxes_of_fast_inputs():
-    dynamics = Dynamics([[0.0], [1.0], [2.0]], [[0.0], [1.0], [2.0]], [[1.0]], lambda u: 0.1 + 0.25 * np.abs(u))
+    dynamics = Dynamics([[0.0], [1.0], [2.0]], [[0.0], [1.0], [2.0]], [[1.0]], lambda q, u: 0.1 + 0.25 * np.abs(u))
     problem = problem_of(dynamics, Grid([-2.0], [2.0], [9]))
     low, high = problem.interval(0).reachable(np.zeros((3, 1)))
     np.testing.assert_allclose((high - low)[0, :, 0] / 0.6, [0.1, 0.35, 0.6], rtol=0, atol=ROUNDING)
@@ -531,7 +537,7 @@ def test_each_run_has_the_gain_and_the_bounds_of_its_own_input(rng):
         [[-1.0], [0.5], [2.0]],
         lambda points, u, t: points * u[0] + t,
         lambda points, u, t: points[:, :, None] * np.array([1.0, u[0]]) + t,
-        lambda u, t: [abs(u[0]), 0.5 + t],
+        lambda q, u, t: [abs(u[0]), 0.5 + t],
     )
     grid = Grid([-1.0, -1.0], [1.0, 1.0], [8, 8], [True, False])
     interval, t = Interval(grid, dynamics.read(2), 0.2, 0.4), 0.3
@@ -577,7 +583,7 @@ FIELDS = {
         lambda: turning(
             drift=lambda points, u, t: np.stack([t * points[:, 1] + u[0], 0 * points[:, 0]], axis=1),
             gain=np.eye(2),
-            bounds=lambda u, t: [0.2 + t, abs(u[0])],
+            bounds=lambda q, u, t: [0.2 + t, abs(u[0])],
         ),
         [(0,), (0, 1), (1,)],
     ),
@@ -625,15 +631,14 @@ def test_velocity_sets_without_the_state_are_numbers():
 
 
 def test_velocity_sets_in_time_are_counted_back_from_the_end():
-    interval = problem_of(tidal()).interval(2)
-    field = interval.velocity_field(1, (0,))
+    problem = problem_of(tidal())
+    field = HJIGames(problem, Scheme()).velocities(1, (0,), 2)
     for tau in (0.0, 0.1, 0.3):
-        now = interval.velocities(1, (0,), 0.9 - tau)
+        now = problem.interval(2).velocities(1, (0,), 0.9 - tau)
         np.testing.assert_allclose(toys.ends_of(field(tau))[0], toys.ends_of(now)[0], rtol=0, atol=ROUNDING)
-    still = problem_of(tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1])).interval(2)
-    assert (
-        toys.ends_of(still.velocity_field(1, (0,)))[1].tolist() == toys.ends_of(still.velocities(1, (0,)))[1].tolist()
-    )
+    still = problem_of(tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]))
+    fields = HJIGames(still, Scheme()).velocities(1, (0,), 2), still.interval(2).velocities(1, (0,))
+    assert toys.ends_of(fields[0])[1].tolist() == toys.ends_of(fields[1])[1].tolist()
 
 
 # ---- the digest of a problem is that of its formulas
@@ -646,18 +651,18 @@ def digest(**changes):
 def test_the_digest_follows_time_and_input():
     base = digest()
     assert base == digest()
-    assert base != digest(drift=lambda u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
-    assert base != digest(gain=lambda u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
-    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
-    assert base != digest(bounds=lambda u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
+    assert base != digest(drift=lambda q, u, t: np.array([u[0] + np.sin(3 * t), np.cos(2.01 * t)]))
+    assert base != digest(gain=lambda q, u: np.array([[1 + u[0] ** 2 / 4.01], [-0.5]]))
+    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0]) + 0.2 * t * (t < 0.5)])
+    assert base != digest(bounds=lambda q, u, t: [0.1 + 0.3 * abs(u[0] + (u[0] == 2) * 0.01) + 0.2 * t])
     states = turning()
     assert problem_of(states).digest == problem_of(turning()).digest
-    assert problem_of(states).digest != problem_of(turning(bounds=lambda u: [0.2 + abs(u[0]) / 2.01])).digest
+    assert problem_of(states).digest != problem_of(turning(bounds=lambda q, u: [0.2 + abs(u[0]) / 2.01])).digest
 
 
 @pytest.mark.parametrize(
     ("dynamics", "timeless"),
-    [(tidal(), False), (turning(), False), (tidal(drift=lambda u: [u[0], 0.0], bounds=[0.1]), True)],
+    [(tidal(), False), (turning(), False), (tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]), True)],
 )
 def test_what_depends_on_time_is_told_apart(dynamics, timeless):
     assert problem_of(dynamics).timeless is timeless

@@ -168,16 +168,16 @@ def test_files_that_are_no_table_are_refused(arm_table, tmp_path):
     for text in (
         b"",
         b"not HDF5 at all",
-        b"sdhj look-up table, format 4\n",
-        b"sdhj look-up table, format 4\nsha256 \n{}\n",
+        b"sdhj look-up table, format 5\n",
+        b"sdhj look-up table, format 5\nsha256 \n{}\n",
     ):
         path.write_bytes(text)
         with pytest.raises(sdhj.TableFileError, match="is damaged, cut short or not a look-up table; solve it anew"):
             sdhj.load(path)
     arm_table.save(path)
     whole = path.read_bytes()
-    for version, told in ((FORMAT_VERSION + 1, "upgrade sdhj"), *((old, "solve it anew") for old in range(4))):
-        path.write_bytes(whole.replace(b"format 4", b"format %d" % version, 1))
+    for version, told in ((FORMAT_VERSION + 1, "upgrade sdhj"), *((old, "solve it anew") for old in range(5))):
+        path.write_bytes(whole.replace(b"format 5", b"format %d" % version, 1))
         for read in (sdhj.load, header):
             with pytest.raises(sdhj.TableFileError, match=f"format version {version}; this is sdhj .*: {told}$"):
                 read(path)

@@ -160,12 +160,6 @@ def test_something_else_than_a_problem_is_named():
         sdhj.solve(None)
 
 
-def test_an_option_that_a_method_does_not_have_is_no_option():
-    for method, option in ((HJI, "interpolation"), (HopfLax, "scheme"), (Projected, "games")):
-        with pytest.raises(TypeError, match="unexpected keyword"):
-            method(**{option: "linear"})
-
-
 # ---- short forms
 
 
@@ -208,3 +202,29 @@ def test_methods_of_equal_options_are_equal_and_cannot_change():
     for method in (HJI(), HopfLax(), Projected()):
         with pytest.raises(AttributeError):
             method.name = "mine"
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (
+            lambda: HJI(order=9),
+            r"HJI has no option 'order' .* belongs to scheme=sdhj.Scheme\(order=...\), where order must be",
+        ),
+        (lambda: HJI(cfl=0.5), r"belongs to scheme=sdhj.Scheme\(cfl=...\)$"),
+        (lambda: Projected(order=3), r"belongs to scheme=sdhj.Scheme\(order=...\), in inner=sdhj.HJI\(...\)$"),
+        (lambda: HopfLax(order=1), "HopfLax has no option 'order' of its own; its options are interpolation, dtype$"),
+        (lambda: HJI(interpolation="linear"), "its options are scheme, games$"),
+        (lambda: Projected(games="joint"), r"belongs to inner=sdhj.HJI\(games=...\)$"),
+        (lambda: sdhj.Certified(cell=[3]), "its options are cells, parts, seconds$"),
+        (lambda: sdhj.Scheme(ordr=3), "its options are flux, order, integrator, cfl, frame, dtype$"),
+    ],
+)
+def test_an_option_that_is_not_there_says_where_it_is(make, says):
+    with pytest.raises(TypeError, match=says):
+        make()
+
+
+def test_the_options_that_an_error_names_are_taken():
+    assert HJI(scheme=sdhj.Scheme(order=3, cfl=0.5)).scheme.order == 3
+    assert Projected(inner=HJI(scheme=sdhj.Scheme(order=3))).inner.scheme.order == 3

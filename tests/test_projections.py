@@ -117,7 +117,7 @@ def test_an_axis_that_inputs_drive_at_some_time_stays():
     """At t = 0 no input drives anything, later x alone."""
     problem = ReachAvoidProblem(
         Grid([-1.0, -1.0], [1.0, 1.0], [9, 9]),
-        Dynamics([[0.0], [1.0]], lambda u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
+        Dynamics([[0.0], [1.0]], lambda q, u, t: [u[0] * t, 1.0], np.eye(2), [0.1, 0.1]),
         TargetSet((0,), lambda p, t: p[:, 0]),
         (),
         0.1,
@@ -269,9 +269,9 @@ def test_with_velocities_in_time_they_are_too():
     problem = chase_problem(moving=True, view_time="instantaneous")
     dynamics = Dynamics(
         problem.inputs,
-        drift=lambda u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
+        drift=lambda q, u, t: [u[0] + np.sin(6 * t), 0.2 * t, 0.0],
         gain=np.eye(3),
-        bounds=lambda u, t: [0.1 + 0.05 * abs(u[0]), 0.2 + 0.3 * t, 0.3],
+        bounds=lambda q, u, t: [0.1 + 0.05 * abs(u[0]), 0.2 + 0.3 * t, 0.3],
     )
     problem = replace(problem, dynamics=dynamics)
     assert default_subspaces(problem) == ((0, 1), (0, 2))

@@ -121,6 +121,30 @@ def test_the_least_in_the_cells_is_below_the_function_in_all_of_them(rng):
     assert (values >= least[..., None]).all()
 
 
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("nodes", [64, 256, 1024])
+def test_a_cell_is_bounded_by_what_the_function_does_there(nodes, periodic):
+    """An interval of an angle, written without regard to where the angle begins anew, which is far away."""
+    grid, far = Grid([-np.pi], [np.pi], [nodes], [periodic]), 0.8
+    for centre in (0.0, 1.0, 2.0):
+        least = least_in_cells(grid, lambda p, centre=centre: np.abs(p[:, 0] - centre) - 0.3)
+        distance = np.maximum(np.abs(grid.nodes(0) - centre) - 0.3, 0.0)
+        # unsafe: the set, a cell on each side, and half a part (an eighth of a cell) for the change nearby
+        assert (least[distance == 0] < 0).all() and (least[distance > 1.2 * grid.spacing[0]] > 0).all()
+        away = distance > far
+        if periodic:  # the first node touches a cell on each side of the seam
+            distance[0] = min(distance[0], np.pi - centre - 0.3)
+        assert (least[away] >= (distance - 1.2 * grid.spacing[0])[away]).all()
+
+
+def test_a_function_that_is_0_in_its_set_is_negative_there_by_cells_too():
+    """As G is closed: deep inside, where nothing changes nearby, and in a set of one point."""
+    grid = Grid([-1.0, -1.0], [1.0, 1.0], [41, 41])
+    least = least_in_cells(grid, lambda p: np.maximum(np.hypot(p[:, 0], p[:, 1]) - 0.5, 0.0))
+    inside = np.hypot(*grid.points().T).reshape(grid.shape) <= 0.5
+    assert (least[inside] < 0).all() and np.float32(least[20, 20]) < 0
+
+
 def test_a_steep_sampling_is_ten_times_as_deep_inside_and_else_the_same(rng):
     plain, steep = room(half=0.3), room(half=0.3, sampling="steep")
     values, deeper = (problem.unsafe_at(problem.unsafe[0], 0.0) for problem in (plain, steep))
@@ -281,3 +305,77 @@ def test_a_set_that_ends_where_a_periodic_axis_begins_anew_is_told(low):
         check_resolution(
             ring(lambda p, t: np.maximum(-np.sin(p[:, 0] - low), np.abs(p[:, 1]) - 0.4))
         )  # ends just there
+
+
+RING = Grid([-np.pi, -1.0], [np.pi, 1.0], [64, 41], [True, False], names=["angle", "height"])
+FREE = lambda q, u: np.stack([np.full(len(q), u[0]), np.full(len(q), u[1])], axis=1)  # noqa: E731
+BACKWARDS = lambda p, t: np.cos(0.3) + np.cos(p[:, 0])  # noqa: E731
+CLOSE = lambda p, t: np.hypot(2 * np.sin(p[:, 0] / 2), p[:, 1]) - 0.3  # noqa: E731
+
+
+def on_the_ring(drift=FREE, target=CLOSE, axes=(0,), level=BACKWARDS, sampling="nodes"):
+    speeds = [[-1.0, 0.0], [1.0, 0.0], [0.0, 0.5], [0.0, -0.5], [0.0, 0.0]]
+    goal = None if target is None else TargetSet((0, 1), target)
+    unsafe = [UnsafeSet(axes, level, name="o", sampling=sampling)]
+    return ReachAvoidProblem(RING, Dynamics(speeds, drift, [[1.0], [0.0]], [0.1]), goal, unsafe, 0.2, 4)
+
+
+CUT = lambda p, t: np.abs(p[:, 0] - np.pi) - 0.3  # noqa: E731
+MISTAKES = {
+    "an unsafe set cut off": ({"level": CUT}, "unsafe set 'o' is cut off where the periodic axis angle"),
+    "a target cut off": (
+        {
+            "target": lambda p, t: np.maximum(CUT(p, t), np.abs(p[:, 1]) - 0.3),
+            "axes": (1,),
+            "level": lambda p, t: p[:, 0] + 0.8,
+        },
+        "target 'target' is cut off where the periodic axis angle",
+    ),
+    "a velocity that jumps": (
+        {"drift": lambda q, u: np.stack([u[0] - 0.3 * q[:, 0], np.full(len(q), u[1])], axis=1)},
+        "velocity along angle jumps from .* where the periodic axis angle ends .* k np.sin",
+    ),
+    "nowhere": (
+        {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 9.0) - 0.3},
+        "'o'.* nowhere on the grid|ever in danger",
+    ),
+    "a thin fence": (
+        {"axes": (1,), "level": lambda p, t: np.abs(p[:, 0] - 0.513) - 0.004},
+        "unsafe set 'o' hides between the nodes at height = 0.513",
+    ),
+}
+METHODS = {"hji": "hji", "joint": sdhj.HJI(games="joint"), "lax": "lax", "projected": "projected"}
+METHODS |= {"certified": sdhj.Certified(cells=[32, 20]), "store": "hji"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_every_method_says_what_is_wrong_with_a_problem(mistake, method, tmp_path):
+    changes, said = MISTAKES[mistake]
+    if method in ("lax", "projected") and mistake == "a velocity that jumps":
+        pytest.skip("velocities that depend on the state, or on axes that are left out, are refused")
+    store = {"store": tmp_path / "table.zarr"} if method == "store" else {"play": False}
+    with pytest.warns(UserWarning, match=said):
+        sdhj.solve(on_the_ring(**changes), METHODS[method], progress=False, **store)
+
+
+@pytest.mark.parametrize("method", ["hji", "certified"])
+def test_and_says_it_of_cells_of_velocities_and_of_sets_that_move(method):
+    jumps = lambda q, u: np.stack([np.full(len(q), u[0]), u[1] + 0.1 * q[:, 0]], axis=1)  # noqa: E731
+    told = {
+        "'o' is cut off": {"level": CUT, "sampling": "cell"},
+        "velocity along height jumps": {"drift": jumps, "target": None},
+        "'o' is cut off.*": {"level": lambda p, t: np.abs(p[:, 0] - 1.9 - 2 * t) - 0.3},  # later
+    }
+    for said, changes in told.items():
+        with pytest.warns(UserWarning, match=said):
+            sdhj.solve(on_the_ring(**changes), METHODS[method], play=False, progress=False)
+
+
+@pytest.mark.parametrize("method", ["hji", "certified"])
+def test_what_is_periodic_or_comes_by_is_not_told(method):
+    around = lambda q, u: np.stack([u[0] - 0.3 * np.sin(q[:, 0]), np.full(len(q), u[1])], axis=1)  # noqa: E731
+    late = lambda p, t: np.abs(p[:, 0] + 2.2 - 2.0 * t) - 0.3  # noqa: E731  # on the grid from .45 s on
+    for changes in ({}, {"drift": around}, {"sampling": "cell"}, {"axes": (1,), "level": late}):
+        with warnings.catch_warnings(action="error"):
+            sdhj.solve(on_the_ring(**changes), METHODS[method], play=False, progress=False)

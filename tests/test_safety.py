@@ -84,7 +84,7 @@ def drawn(table, count, rng):
 def test_what_stays_clear_for_ever_does(disturbance, rng):
     """Ten seconds, a hundred intervals, though the table has settled after fewer."""
     table = settled(disturbance, 101)
-    assert 5 < table.steps < 100 and len(table.tubes) == 1
+    assert 5 < table.steps < 100 and len(table.tubes) == 2  # the distance, and the value
     outcomes = judged(table, drawn(table, 1000, rng), disturbance, rng)
     assert np.mean(outcomes != "late") < 0.02, np.unique(outcomes, return_counts=True)
 

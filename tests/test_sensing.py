@@ -48,6 +48,42 @@ def test_the_closed_form(sensing, method, off):
         assert inside.tolist() == [True, True, False, False]
 
 
+REST = 2  # the input +1 is held until the first chosen one starts
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.2])
+@pytest.mark.parametrize("method", [EXACT, sdhj.Certified(cells=[1600])], ids=["lax", "certified"])
+def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
+    """dq = u + v: the prediction y + d u_rest has to be in M^n, which is W^n enlarged by E."""
+    sensing, b, n = Sensing(0.03, delay, rest=REST), 0.2, 5
+    table = sdhj.solve(replace(toys.interval_problem(nodes=161), sensing=sensing), method, play=False)
+    controller, (half, box) = Controller(table), closed_form(sensing, n)
+    rim = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
+    inward = np.array([[0.01], [-0.01]])
+    assert controller.admissible(rim + inward, step=0).all() and not controller.admissible(rim - inward, step=0).any()
+    assert controller.admissible(rim[0] + 0.01, step=0) is True
+
+    def lost(y, error, push):
+        """Own integration of a run whose first measurement is y: measured with an error, held, pushed away."""
+        loop, x, held = Controller(table), y - error, 1.0
+        for k in range(n + 1):
+            if abs(x) <= 1.0 and k:
+                return False
+            if k == n:
+                return True
+            action = loop.step([x + error], k * 0.5)
+            x += delay * (held + push * b * np.sign(x))
+            held = table.problem.inputs[action.input, 0]
+            x += (0.5 - delay) * (held + push * b * np.sign(x))
+        return True
+
+    for side, y in zip((-1, 1), rim[:, 0], strict=True):
+        for error, push in ((0.03, 1.0), (-0.03, 1.0), (0.0, 0.5)):
+            assert not lost(y - side * 0.01, error, push)
+    going_on = rim[1] + 0.03  # in the set as it is, but the robot goes on by d before it can turn back
+    assert table.contains([going_on], start=0, within=n)[0] and not controller.admissible(going_on, step=0)
+
+
 def test_a_wall_and_an_unsafe_end_keep_twice_the_box_away():
     cut, box = interval_tables(PLAYED, wall=1.2)[0], closed_form(PLAYED, 0)[1]
     edge = 1.2 - 2 * box

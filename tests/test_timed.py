@@ -44,12 +44,12 @@ class Case:
 
     def problem(self):
         functions = (
-            lambda u, t: [self.drift(u[0], t)],
-            lambda u, t: [[self.gain(u[0], t)]],
-            lambda u, t: [self.bound(u[0], t)],
+            lambda q, u, t: [self.drift(u[0], t)],
+            lambda q, u, t: [[self.gain(u[0], t)]],
+            lambda q, u, t: [self.bound(u[0], t)],
         )
         if not self.timed:
-            functions = [lambda u, function=function: function(u, 0.0) for function in functions]
+            functions = [lambda q, u, function=function: function(q, u, 0.0) for function in functions]
         dynamics = Dynamics([[u] for u in self.inputs], *functions)
         target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - self.centre(t)) - self.radius)
         wall = UnsafeSet((0,), lambda p, t: self.wall + self.rate * t - p[:, 0], name="wall")
@@ -332,8 +332,8 @@ def lattice_problem(seed=4):
 
     dynamics = Dynamics(
         [[-1.0], [0.0], [1.0]],
-        lambda u, t: [u[0] * (0.5 + t), 2 * t - 1],
-        lambda u: np.diag([abs(u[0]), 1.0]),
+        lambda q, u, t: [u[0] * (0.5 + t), 2 * t - 1],
+        lambda q, u: np.diag([abs(u[0]), 1.0]),
         lambda t: [1.0, 0.5 + t],
     )
     grid = Grid([0.0, 0.0], [9.0, 11.0], shape, [True, True])
@@ -394,8 +394,8 @@ class Turning:
         dynamics = Dynamics(
             [[u] for u in game.inputs],
             lambda points, u, t: cls.field(points, game.drift(u[0], t), t),
-            lambda u, t: game.gain(u[0], t) * cls.frame(t)[0][:, None],
-            lambda u: [game.bound(u[0], 0.0)],
+            lambda q, u, t: game.gain(u[0], t) * cls.frame(t)[0][:, None],
+            lambda q, u: [game.bound(u[0], 0.0)],
         )
         grid = Grid([-2.5, -2.5], [2.5, 2.5], [nodes, nodes])
         return ReachAvoidProblem(grid, dynamics, TargetSet((0, 1), cls.target), (), game.delta, game.steps)

@@ -20,11 +20,11 @@ from sdhj.arm.case_studies import ArmScene, scene
 from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
 from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
 from sdhj.kernels.links import Agent, joint_moves
-from sdhj.kernels.packed import add_certified, erode_packed, erode_rows, to_words
+from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -60,8 +60,8 @@ class ArmProof(Proof):
         speed = np.abs(velocities.mean(axis=2)).max(axis=0)
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
-        if allowed is None:
-            require(cls.needs(problem, axes, parts), f"certifying {cells:.1e} cells", "use fewer cells")
+        needed = cls.needs(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
+        require(needed, f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
         for (axis, own), j in itertools.product(enumerate(axes), range(count)):
@@ -81,6 +81,14 @@ class ArmProof(Proof):
         unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
+
+    def __post_init__(self) -> None:
+        read_only(tuple(self.motion))
+
+    @property
+    def shell(self) -> FloatArray:
+        """Of an arm in metres, as `sdhj.kernels.links` bounds it."""
+        return np.full(4, STATE_SLACK)
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
@@ -116,7 +124,7 @@ class ArmProof(Proof):
     ) -> FloatArray:
         """See `GeneralProof.inputs`."""
         out = np.empty((len(states), self.motion.parts.size), np.bool_)
-        arm_inputs(states, step, self.cells, self.motion, index, following, pool, out)
+        arm_inputs(states, step, self.cells, self.shell, self.motion, index, following, pool, out)
         return out
 
     @property
@@ -144,7 +152,7 @@ class ArmProof(Proof):
     def prepare(self, progress: bool | None) -> list[FloatArray]:
         """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
         motion, clear = self.motion, []
-        for j in tqdm(range(motion.parts.size), desc="intervals", disable=hidden(progress)):
+        for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))

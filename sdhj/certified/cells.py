@@ -1,9 +1,10 @@
 """Cells of a certified set, axis by axis, in exact arithmetic.
 
 A certificate must not depend on how a machine rounds 0.3 * 0.1. So the numbers of a problem are read as the decimals
-they are written as, and cells, velocities and moves are `Fraction`s. Where cells are a whole fraction of what the
-disturbance moves the state in one interval, the image of a cell is a whole number of cells and nothing is lost to
-rounding it outward: `aligned_width` picks such cells. An image counts as in cells that it exceeds by `DRIFT`.
+they are written as (times a power of two, so that units of these make no difference), and cells, velocities and moves
+are `Fraction`s. Where cells are a whole fraction of what the disturbance moves the state in one interval, the image of
+a cell is a whole number of cells and nothing is lost to rounding it outward: `aligned_width` picks such cells. An image
+counts as in cells that it exceeds by `DRIFT`.
 
 A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, narrow against
 `DRIFT`; the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.
@@ -15,12 +16,13 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -29,25 +31,51 @@ IndexArray = NDArray[np.int64]
 
 MOST_CELLS = 10**6  # of an axis in a file
 MOST_PIECES = 10_000  # parts of an interval
-DRIFT = 1e-13  # of a coordinate, in one step; FOREVER steps of it are STATE_SLACK
+UNCOUNTABLE = 2.0**40  # cells: farther than any image that is kept
+DRIFT = 1e-13  # of the largest coordinate of an axis, in one step; FOREVER steps of it are STATE_SLACK
 EXACT_DIGITS = 14  # a decimal with more significant digits than this is a rounded number, such as that of pi
+FEW_DIGITS = 8  # and with fewer than these a number that twelve digits of a rounded one are
+POWERS = range(-40, 41)  # of two, in which decimals are looked for
 
 
 def exact(value: float) -> Fraction:
-    """The decimal that `value` is written as: 0.3 means three tenths."""
-    return Fraction(repr(float(value)))
+    """The decimal that `value` is written as: 0.3 means three tenths, and 0.3 / 1024 what that divided by 1024 is.
+
+    Of all decimals, times powers of two, that are this number when rounded, the one of fewest digits: so what is
+    scaled by a power of two is read as what it was, scaled. The number itself where they all have many digits.
+    """
+    return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 
 
 def measured(value: float) -> Fraction:
-    """`value` to twelve digits: the 0.6000000000000001 of a range of inputs means six tenths."""
-    return Fraction(f"{float(value):.12g}")
+    """As `exact`, or the short decimal that twelve digits are: the 0.6000000000000001 of a range means six tenths."""
+    short = _decimal(float(value), "", EXACT_DIGITS)
+    return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
+
+
+@lru_cache(maxsize=4096)
+def _decimal(value: float, form: str, most: int) -> Fraction | None:
+    """The decimal, times a power of two, that a number is to so many digits; None where it has more than `most`.
+
+    A number is off by half a unit in the last place at most where all its digits are written, else by 5e-13 of it.
+    """
+    part, power = math.frexp(value)
+    tried = [(value, 0), *((math.ldexp(part, by), power - by) for by in POWERS)]
+    found = [(_digits(text := format(one, form) if form else repr(one)), text, by) for one, by in tried]
+    digits, text, by = min(found)
+    return Fraction(text) * Fraction(2) ** by if digits <= most else None
+
+
+def _digits(text: str) -> int:
+    """How many significant digits a decimal has."""
+    return len(text.lower().split("e")[0].lstrip("-").replace(".", "").strip("0"))
 
 
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """An interval that holds the period upper - lower; a point where both ends are short decimals."""
     period = exact(upper) - exact(lower)
-    digits = max(len(repr(float(end)).split("e")[0].lstrip("-0.").replace(".", "")) for end in (lower, upper))
-    doubt = period / 2**49 if digits > EXACT_DIGITS else Fraction(0)
+    short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
+    doubt = Fraction(0) if short else period / 2**49
     return period - doubt, period + doubt
 
 
@@ -73,6 +101,11 @@ class CellAxis:
     def count(self) -> int:
         """How many cells there are."""
         return math.ceil(self.extent[1] / self.width)
+
+    @cached_property
+    def scale(self) -> float:
+        """The largest coordinate, to which rounding and all that is allowed for it are relative."""
+        return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
         """Edges of the cells, shape (count + 1,), each rounded to the nearest float."""
@@ -105,22 +138,27 @@ class CellAxis:
         low, high : how far the ends of each cell moved, (M,) or alike for all
         known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width
         """
-        width = float(self.width)
+        width, drift = float(self.width), DRIFT * self.scale
         if not known or not self.periodic:
-            first, last = np.floor((low + DRIFT) / width), np.ceil((high - DRIFT) / width)
-            return first.astype(np.int64), np.maximum(last, first).astype(np.int64)
+            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
+            return _counted(first), _counted(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
-        begin, end = edges[cell] + low + DRIFT, edges[cell + 1] + high - DRIFT
+        begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
-        return (first - cell).astype(np.int64), (np.maximum(last, first) - cell).astype(np.int64)
+        return _counted(first - cell), _counted(np.maximum(last, first) - cell)
+
+
+def _counted(cells: NDArray[np.float64]) -> IndexArray:
+    """Numbers of cells as integers; what is too large for one, which has no defined integer, as `UNCOUNTABLE`."""
+    return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count)]
-    return np.array([*inner, float(axis.lower + sum(axis.extent) / 2)])
+    return read_only(np.array([*inner, float(axis.lower + sum(axis.extent) / 2)]))
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:

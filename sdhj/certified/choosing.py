@@ -35,6 +35,7 @@ from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
+from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.problem import ReachAvoidProblem
 
 SPEED_STATES = 256  # states around which velocities are bounded
@@ -50,7 +51,6 @@ WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
-ENDLESS_STEPS = 100  # steps of a solve without a number of steps
 # seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
 # an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at unsafe ends; for
 # an operation of a set and a box
@@ -150,7 +150,8 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> Fl
         return np.zeros(len(widths))
     moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
     low, high = np.array(moves, dtype=float).T[:, :, None]
-    cells = np.ceil((high - DRIFT) / widths) - np.floor((low + DRIFT) / widths)
+    drift = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis]))
+    cells = np.ceil((high - drift) / widths) - np.floor((low + drift) / widths)
     return np.asarray((cells * widths - (high - low)).mean(axis=0) / 2)
 
 

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,87 +11,36 @@ from sdhj.certified.choosing import losses, lost_to, speeds_of
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import STATE_SLACK, cells_at, held_in_boxes
+from sdhj.kernels.packed import cells_at, held_in_boxes
 from sdhj.problem.checks import states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
+from sdhj.table.explaining import Explanation, Failure, entry_named, refuted
 
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
-SHOWN = 6  # inputs
 SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
-NEGLIGIBLE = 1e-9  # rounding
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why one input is not certified.
-
-    Attributes
-    ----------
-    input : int
-    by : str
-        The unsafe set or the end of an axis that the tube may meet, or "image".
-    short : float
-        By how much: the least that the set's level-set function may be, the way past the end, or the share of the
-        image's cells that are not certified, as a negative number.
-    says : str
-        The same in words, with the time.
-    """
-
-    input: int
-    by: str
-    short: float
-    says: str
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """The answer of `CertifiedTable.explain`; `str()` gives it in words.
-
-    Attributes
-    ----------
-    certified : bool
-    says : str
-        What is true of the state as a whole.
-    failures : tuple of Failure
-        One for each input that is not certified, the nearest to being so first.
-    helps : tuple of str
-        What may let the nearest input be certified.
-    """
-
-    certified: bool
-    says: str
-    failures: tuple[Failure, ...] = ()
-    helps: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
-        rest = len(self.failures) - SHOWN
-        lines += [f"  and {rest} more inputs"] if rest > 0 else []
-        return "\n".join([self.says, *lines, *(["What may help: " + "; ".join(self.helps)] if self.helps else [])])
+NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """See `CertifiedTable.explain`."""
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
-    entry = f"step {step} with {within} steps to go"
+    entry = entry_named(table, step, within)
     if table.contains(state, start=step, within=within)[0]:
         ways = np.flatnonzero(table.certified_inputs(state, step, within)[0]).tolist()
-        return Explanation(True, f"Certified for {entry}" + (f", by inputs {ways}." if within else "."))
+        return Explanation(True, f"Certified {entry}" + (f", by inputs {ways}." if within else "."))
     found = np.empty((1 << len(table.axes), len(table.axes)), np.int64)
-    if not cells_at(state[0], table.cells, found):
+    if not cells_at(state[0], table.cells, table.proof.shell, found):
         return Explanation(False, "The state is off the grid.")
-    for part in problem.unsafe:
-        if (value := problem.value_of(part, state, problem.time(step))[0]) <= 0:
-            says = f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
-            return Explanation(False, says)
+    if says := refuted(table, state, step, within):
+        return Explanation(False, says)
     if within == 0:
         what = "clear of the unsafe sets" if problem.stays else "in the target and clear of the unsafe sets"
-        return Explanation(False, f"Not proved at these cells for {entry}: not all of the state's cell is {what}.")
-    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells for {entry}:")
+        return Explanation(False, f"Not proved at these cells {entry}: not all of the state's cell is {what}.")
+    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells {entry}:")
 
 
 def scanty(table: Any) -> str:
@@ -147,7 +96,8 @@ class _Cell:
         self.problem: ReachAvoidProblem = table.problem
         self.place, parts = table.place(step + 1, within - 1), table.proof.parts
         edges = np.array([axis.edges()[i : i + 2] for axis, i in zip(table.axes, cell, strict=True)])
-        self.box = np.stack([edges[:, 0] - STATE_SLACK, edges[:, 1] + STATE_SLACK])
+        self.box = np.stack([edges[:, 0] - table.proof.shell, edges[:, 1] + table.proof.shell])
+        self.scales = np.array([axis.scale for axis in table.axes])
         length = self.problem.sensing.hold(self.problem.delta)[0]
         self.cuts = self.problem.time(step) + np.linspace(0.0, length, parts + 1)
         # Of this proof only bounds are asked, of boxes as they are: all axes are those of a place, and it has no moves.
@@ -197,10 +147,10 @@ class _Cell:
         """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
-        ends = zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True)
+        ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True), self.scales
         for k, (name, lower, upper) in enumerate(ends):
-            yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE
-            yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE
+            yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
+            yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
         late = self.problem.sensing.jitter
         for part in self.problem.unsafe:
             own, least = list(part.axes), []
@@ -232,7 +182,7 @@ class _Cell:
         pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.adversaries)) * dynamics.bounds_at(j, t)
         tried = np.ptp(dynamics.velocity_at(states, j, pushes, t), axis=0)
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
-        for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE):
+        for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE * self.scales / self.problem.delta):
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
     def shortfall(self, failure: Failure, thin: FloatArray) -> float:

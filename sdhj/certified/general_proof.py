@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import h5py
@@ -17,11 +17,11 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, Changes, Images, moves_of, place_axes
-from sdhj.kernels import FloatArray
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
-from sdhj.kernels.packed import STATE_SLACK, to_words
+from sdhj.kernels.packed import to_words
 from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, strike, strike_ends
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
@@ -29,8 +29,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.table.files import stored
 
-NARROW = 1e-10  # what a tube may stick out of the boxes that it is looked up in
-MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding
+NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
+MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding, some 1e-15
 
 
 def lattice_of(
@@ -51,7 +51,8 @@ def lattice_of(
     fine = min(max(int(room ** (1 / len(part.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(part.axes)] < pitch, sway[list(part.axes)], 0.0)
-    wider = sway + MARGIN_OF_BOXES
+    scale = np.array([axes[axis].scale for axis in part.axes])
+    wider = sway + MARGIN_OF_BOXES * scale
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
@@ -64,7 +65,9 @@ def lattice_of(
             np.cumsum(counted, axis=k, out=counted)
         sums.append(counted.ravel())
     laps = sizes * np.where(own.periodic, 2, 1)
-    return Boxes(np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW, np.stack(sums))
+    return Boxes(
+        np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW * scale, np.stack(sums)
+    )
 
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
@@ -132,7 +135,9 @@ class GeneralProof(Images):
         """Which inputs are certified for states (M, ndim), bool (M, L); S_k^n and S_{k+1}^{n-1} as blocks of a pool."""
         out = np.empty((len(states), len(self.problem.inputs)), np.bool_)
         clear = self.clear[min(step, len(self.clear) - 1)]
-        certified_inputs(np.ascontiguousarray(states), self.cells, self.moves(step), clear, following, pool, out)
+        certified_inputs(
+            np.ascontiguousarray(states), self.cells, self.shell, self.moves(step), clear, following, pool, out
+        )
         return out
 
     @property
@@ -155,18 +160,20 @@ class GeneralProof(Images):
         strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, strides, *arrays, stored(file, "clear", "uint8", clear))
+        return cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
 
     # ---- the recursion; sets are (rows, W) uint64
 
-    @cached_property
+    @kept
     def layout(self) -> Placed:
         """Cells by place."""
         counts, own = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        return Placed(counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past)
+        return Placed(
+            counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell
+        )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""
@@ -178,6 +185,7 @@ class GeneralProof(Images):
         """Fill moves and clear: where every input takes every place, where it is safe from."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         self.fill(min(max(finest, 1), FINEST), progress, partial(self._strike, self._lattices(progress)))
+        read_only((self.low, self.high, self.clear))
 
     def _strike(self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
         """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
@@ -186,7 +194,7 @@ class GeneralProof(Images):
         """
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
-        room = np.maximum(SLACK * np.array(grid.spacing) - 2 * STATE_SLACK, 0.0)
+        room = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("unsafe"))
         if np.isfinite(faces).any():
             faces += np.stack([-room, room])
@@ -234,7 +242,7 @@ class GeneralProof(Images):
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
         sway = np.max(pushed, axis=0) / 2 * length + self.unsure
-        for part in tqdm(self.problem.unsafe, desc="unsafe sets", disable=hidden(progress)):
+        for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
             if not part.moving:
                 out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
                 continue
@@ -259,7 +267,7 @@ class GeneralProof(Images):
             out &= self.over_cells(problem.target, times) < 0
         return to_words(out.reshape(-1, self.axes[-1].count))
 
-    @cached_property
+    @kept
     def _clear_of_still(self) -> FloatArray:
         """Cells outside the unsafe sets that stand still."""
         out = np.ones([axis.count for axis in self.axes], np.bool_)

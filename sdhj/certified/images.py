@@ -11,7 +11,7 @@ coordinate the state moves no slower than F there, and else it is ahead of the b
 inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left
 over a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
 
-Displacements, not places, are added up, outward rounded, so a state off its cell by STATE_SLACK stays so near to the
+Displacements, not places, are added up, outward rounded, so a state off its cell by the shell stays so near to the
 image; and an image may stick out of the cells that it is said to lie in by `DRIFT`, which a thousand steps are allowed.
 """
 
@@ -29,7 +29,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
 from sdhj.formulas.formula import Ends
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
@@ -43,6 +43,7 @@ PIECES = 1 << 14  # that the state space is cut into, along the axes that veloci
 PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
 GUESSES = 40
 ROUNDED = 1 + 1e-12
+ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rim`
 
 
 def unsure(problem: ReachAvoidProblem) -> FloatArray:
@@ -60,7 +61,7 @@ def unsure(problem: ReachAvoidProblem) -> FloatArray:
         wider = (error + sensing.delay * spread(box)) * ROUNDED
         if (wider <= box).all():
             return wider
-        box = wider * (1 + 1e-3) + 1e-12
+        box = wider * (1 + 1e-3) + 1e-12 * np.maximum(np.abs(problem.grid.lower), np.abs(problem.grid.upper))
         if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
             break
     raise ValueError(f"after a delay of {sensing.delay:g} s nothing is known of the state: the dynamics are too fast")
@@ -111,8 +112,8 @@ class Proof:
 
     def clear_inputs(self, states: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear from the cells of states (M, ndim): bool (M, L)."""
-        nothing = np.empty(0, np.uint32)
-        return self.inputs(states, step, nothing, nothing, np.empty((0, 0), np.uint64))
+        nothing, none = read_only((np.empty(0, np.uint32), np.empty((0, 0), np.uint64)))
+        return self.inputs(states, step, nothing, nothing, none)
 
     @property
     def rows(self) -> int:
@@ -129,12 +130,29 @@ class Proof:
         """Whether sets lose cells with every step to go."""
         return self.problem.stays
 
-    @cached_property
+    @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code."""
         return cells_of(self.axes, self.rows)
 
-    @cached_property
+    @kept
+    def shell(self) -> FloatArray:
+        """How far off a cell a state counts as in it while a run lasts, (ndim,): `STATE_SLACK` of the axes' scales.
+
+        Coordinates are off by some units in the last place, 2^-53 of the scale each; the shell is 10^6 times as much.
+        """
+        return STATE_SLACK * np.array([axis.scale for axis in self.axes])
+
+    @kept
+    def rim(self) -> FloatArray:
+        """How far off a cell a state may seem to be that is on its border, (ndim,).
+
+        Looking a state up takes a difference and a quotient, of numbers that are rounded: the lower end and the width,
+        which counts as often as there are cells. All that is off by 8 times 2^-53 of the scale at most.
+        """
+        return ROUNDED_OFF * np.array([axis.scale for axis in self.axes])
+
+    @kept
     def unsure(self) -> FloatArray:
         """By how much a prediction may be off, (ndim,)."""
         return unsure(self.problem)
@@ -148,7 +166,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     """
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for place, axis in enumerate(axes):
-        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT
+        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
         own[place] |= not is_steady(problem, place) and "wall" in problem.grid.ends[place] and not axis.periodic
     return own
 
@@ -188,6 +206,9 @@ class Images(Proof):
     low: FloatArray
     high: FloatArray
 
+    def __post_init__(self) -> None:
+        read_only(self.strides)
+
     @cached_property
     def bounds(self) -> Bounds:
         return Bounds(self.problem)
@@ -196,7 +217,7 @@ class Images(Proof):
     def _always(self) -> tuple[float, float]:
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
-    @cached_property
+    @kept
     def past(self) -> FloatArray:
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
         return np.stack(self.problem.grid.faces("safe"))
@@ -211,7 +232,7 @@ class Images(Proof):
         moves, place = self.moves(step), int(cell @ self.strides)
         return cell + moves.low[j, place], cell + moves.high[j, place]
 
-    @cached_property
+    @kept
     def reach(self) -> FloatArray:
         """How far each input leads from any place, or all of them if that is fewer words: (starts, some, 2, ndim)."""
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
@@ -248,7 +269,10 @@ class Images(Proof):
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)
 
-        with tqdm(total=len(work), desc="intervals", disable=hidden(progress)) as bar, ThreadPoolExecutor(n) as pool:
+        with (
+            tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
+            ThreadPoolExecutor(n) as pool,
+        ):
             for some in (work[at : at + n] for at in range(0, len(work), n)):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
@@ -266,8 +290,8 @@ class Images(Proof):
         grid, carried, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
-            start[0, :, k] = grid.lower[k] if carried[k] else axis.edges()[own] - STATE_SLACK
-            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + STATE_SLACK
+            start[0, :, k] = grid.lower[k] if carried[k] else axis.edges()[own] - self.shell[k]
+            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + self.shell[k]
         return self.swept(start, j, time, pieces)
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
@@ -307,7 +331,7 @@ class Images(Proof):
         for axis in np.flatnonzero(np.diag(self.problem.dynamics.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
                 face = room.copy()
-                narrow_to_face(ends, velocity, h, side, axis, face)
+                narrow_to_face(ends, velocity, h, side, axis, self.shell[axis], face)
                 fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)
         after = moved.copy()
         move_on(after, fastest, h)
@@ -323,23 +347,36 @@ class Images(Proof):
     ) -> tuple[FloatArray, FloatArray]:
         """The ends of boxes (2, M, ndim), and boxes that the state stays in for a piece of length h."""
         carried, (ends, room, out) = self.strides == 0, np.empty((3, *start.shape))
-        guess_room(start, moved, before, carried, ends, room)
+        guess_room(start, moved, before, carried, self.shell, ends, room)
         for _ in range(TRIES):
-            if sweep(ends, self.bounds.velocity(j, room[0], room[1], *times), h, carried, room, out):
+            if sweep(ends, self.bounds.velocity(j, room[0], room[1], *times), h, carried, self.shell, room, out):
                 return ends, out
-            wider = 0.1 * (out[1] - out[0]) + STATE_SLACK
-            room = np.where(carried, ends, out + SIDES * wider)
-            if not np.isfinite(room).all():
+            wider = 0.1 * (out[1] - out[0]) + self.shell
+            wider_room = np.where(carried, ends, out + SIDES * wider)
+            if not np.isfinite(wider_room).all():
                 break
-        unknown = ~np.isfinite(self.bounds.velocity(j, ends[0], ends[1], times[0], times[1])).all(axis=(0, 2))
-        if unknown.any():
-            first, last = (np.array2string(end[unknown][0], precision=4, separator=", ") for end in ends)
-            raise ValueError(
-                f"the velocity under input {self.bounds.input(j)} may be undefined or unbounded between {first} and "
-                f"{last}, and then nothing can be proved; bound what it is divided by, for example "
-                "np.maximum(distance, 0.01)"
-            )
-        raise ValueError("the dynamics change too fast for this interval: use more parts")
+            room = wider_room
+        raise self._unbounded(j, ends, room, times)
+
+    def _unbounded(self, j: int, ends: FloatArray, room: FloatArray, times: tuple[float, float]) -> ValueError:
+        """The error where no boxes are found that the states in `ends` stay in: `room` was tried; both (2, M, ndim)."""
+        names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
+        for boxes in (ends, room):
+            unknown = ~np.isfinite(self.bounds.velocity(j, boxes[0], boxes[1], *times)).all(axis=0)
+            if unknown.any():
+                row, axis = np.argwhere(unknown)[0]
+                first, last = (np.array2string(end[row], precision=4, separator=", ") for end in boxes)
+                return ValueError(
+                    f"the velocity along {names[axis]} under {u} may be undefined or unbounded between {first} and "
+                    f"{last}, where the states of a cell may come within an interval, and then nothing can be proved; "
+                    "bound what it is divided by, for example np.maximum(distance, 0.01)"
+                )
+        widest = int(np.argmax((room[1] - room[0]).max(axis=1)))
+        first, last = (np.array2string(end[widest], precision=4, separator=", ") for end in room)
+        return ValueError(
+            f"the velocity under {u} grows too fast between {first} and {last}: within {times[1] - times[0]:.3g} s the "
+            "states of a cell there may be anywhere, and nothing can be proved; limit it, for example by np.minimum"
+        )
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
         """The cells, from their own on, that hold cells at places (M,) whose ends have moved: two (M, ndim)."""
@@ -353,7 +390,7 @@ class Images(Proof):
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
         """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
-        edges = [(self.axes[axis].edges(), STATE_SLACK + self.unsure[axis]) for axis in part.axes]
+        edges = [(self.axes[axis].edges(), self.shell[axis] + self.unsure[axis]) for axis in part.axes]
         low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
         return self.bounds.signs(part, low, high, times, HALVINGS_OF_A_CELL).reshape(shape)

@@ -10,6 +10,7 @@ from sdhj.formulas.formula import Formula
 from sdhj.formulas.text import alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.restoring import near
 from sdhj.table.batches import Table
 
 LABELS = ("certified", "not certified", "outside")
@@ -35,7 +36,7 @@ def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs", *but))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
     same = same and len({repr(each.numbers | each.numbers["grid"] | drop) for each in (one, other)}) == 1
-    if not same or other.opaque or not np.allclose(one.inputs, other.inputs):
+    if not same or other.opaque or not near(one.inputs, other.inputs):
         return False
     pairs = [(cast(Formula, ours[name]), cast(Formula, theirs[name])) for name in ours]
     return all(alike(a.outputs, b.outputs) for a, b in pairs)

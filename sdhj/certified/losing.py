@@ -10,7 +10,7 @@ with n - 1 to go. It knows the state and the input, as in the game that is solve
                in the cell, covered by cells of Lost_{k+1}^{n-1}.
 
 Each line is a sufficient condition for all states of a cell, so no state of a lost cell is won, whatever the controller
-does: in the first everything is bounded over the whole cell, with STATE_SLACK around it; in the second one v serves
+does: in the first everything is bounded over the whole cell, with the shell around it; in the second one v serves
 every state of the cell, and by induction all states of the image are lost. The target is asked about at n = 0 and then
 again in Lost^{n-1}. What has left over an unsafe end is lost, so of an image only the part between the ends is looked
 at, and nothing where all of it is past one by a cell. The adversary's other choices, and hits between two sampling
@@ -29,7 +29,7 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.images import Changes, Images, moves_of, place_axes
 from sdhj.formulas.graph import is_constant
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import to_words
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -66,13 +66,13 @@ class LosingProof(Images):
         room = (starts, count * len(vertices), *rest)
         require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *room), np.int16)
-        return cls(problem, axes, parts, strides, low, high, vertices)
+        return cls(problem, axes, parts, strides, low, high, read_only(vertices))
 
     @cached_property
     def bounds(self) -> Bounds:
         return Bounds(self.problem, self.vertices)
 
-    @cached_property
+    @kept
     def past(self) -> FloatArray:
         """What leaves over an unsafe end is lost."""
         return np.stack(self.problem.grid.faces("unsafe"))
@@ -80,8 +80,9 @@ class LosingProof(Images):
     def prepare(self, progress: bool | None) -> None:
         """Fill the moves."""
         self.fill(1, progress, lambda *_: None)
+        read_only((self.low, self.high))
 
-    @cached_property
+    @kept
     def inside(self) -> list[FloatArray]:
         """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
         moving = [part for part in self.problem.unsafe if part.moving]

@@ -28,11 +28,15 @@ The obligations of the proof, where each is met, and the test in tests/certified
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
-8.  *States and plants are in floating point too.* A state within `SLACK` = 1e-10 of a certified cell counts as in it.
-    Under an input certified for that cell the next state is within SLACK, plus what the plant rounds, of a certified
-    cell, and the tube as near to a clear one: `MARGIN` covers both. So a run that starts in a certified cell may drift
-    by 1e-10 in all, through the plant's rounding or because a velocity is not the decimal that `measured` takes it for;
-    both are below 1e-12 in a step. [test_state_on_an_edge]
+8.  *States and plants are in floating point too.* A state within the *shell* of a certified cell counts as in it: 1e-10
+    of the largest coordinate of an axis (`Proof.shell`), of the arm 1e-10 m and rad. Under an input certified for that
+    cell the next state is within the shell, plus what the plant rounds, of a certified cell, and the tube as near to a
+    clear one: `MARGIN` covers both. `contains` and `fraction` count closed cells (`Proof.rim`), and the shell is the
+    reserve of a run from there: it may drift by that in all, through the plant's rounding, because an image may stick
+    out of its cells by 2e-13 of the coordinate, or because a velocity is not the decimal that `measured` takes it for,
+    5e-13 of it. `CertifiedTable.steps_of_rounding` says for how many steps. Goals and tubes hold for states in the
+    shell, too, so a closed set is shrunk by 1e-10 of the coordinate, where it does not end with the grid.
+    [test_state_on_an_edge, test_a_promised_run_has_a_reserve_for_rounding, test_borders_may_coincide]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
     [test_goal_cells_are_inside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
@@ -77,7 +81,7 @@ states of each box. ["a slope of 0", "a slope that the file states", "a sweep th
 
 The proof is for the problem as data: arm, disks, speeds, bounds. For a robot of one's own it is for the functions as
 they are written, read as exact arithmetic on the numbers in them; what floating point makes of them is within the slack
-of 8 for coordinates up to a few hundred. Velocities may jump. Promises enter only where a function is a
+of 8, which is a share of the coordinates. Velocities may jump. Promises enter only where a function is a
 `sdhj.BlackBox`: what its author declares. The unsafe set counts at every instant, so `view_time` makes no difference
 here. Images lose nothing where cells are aligned (`sdhj.certified.cells`); what is lost against the exact set is a
 layer of cells along the target, the obstacles and the pursuer.
@@ -88,7 +92,10 @@ import reprlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar
+
+import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
@@ -96,18 +103,21 @@ from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.table import CellSets
-from sdhj.problem.checks import number, whole
+from sdhj.problem.checks import Options, number, whole
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import MAX_NODES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion
 
 ARM_CELLS = (419, 419, 72, 72)
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
+OPERATIONS = 3e8  # of `sdhj.problem.cost` that take as long as a second of the model of cells, on one core
+ARM = 7e-11  # seconds for a cell, an input and an entry, of the arm: for each half of a solve
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
 @dataclass(frozen=True)
-class Certified:
+class Certified(Options):
     """The method with a proof: its sets hold for every state of a cell, every disturbance and every time (Theorem 2).
 
     Parameters
@@ -155,7 +165,9 @@ class Certified:
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve."""
-        return CellSets(self.proof(problem), progress)
+        proof = self.proof(problem)
+        begin(partial(cost_in_cells, proof), problem.steps is None)
+        return CellSets(proof, progress)
 
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
         """Estimate the memory and the time of a solve.
@@ -206,6 +218,21 @@ class Certified:
         if len(cells) != problem.grid.ndim:
             raise ValueError(f"cells must be one number for each of the {problem.grid.ndim} axes, got {list(cells)}")
         return aligned(problem, cells)
+
+
+def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
+    """What a solve costs, in the operations of `sdhj.problem.cost`; in memory what it finds apart."""
+    problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
+    count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
+    tubes = steps if problem.timeless else steps * (steps + 1) // 2
+    if isinstance(proof, GeneralProof):
+        first, rest = cost(problem, axes, proof.parts, speeds)
+    else:
+        first = rest = ARM * count * len(problem.inputs) * tubes
+    widths = np.array([float(axis.width) for axis in axes])
+    crossed = float((problem.delta * np.abs(speeds.extremes).max(axis=0) / widths).sum())
+    why = f"{multiplied(problem, tubes, count, 'cells')}, an interval in {proof.parts} parts"
+    return Cost(OPERATIONS * (first + rest), RUNTIME + proof.peak, tubes, OPERATIONS * first, crossed, why)
 
 
 @dataclass(frozen=True)

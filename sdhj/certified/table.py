@@ -12,16 +12,17 @@ import numpy as np
 
 from sdhj.certified.arm_proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
-from sdhj.certified.explaining import Explanation, explain
+from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
-from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import STATE_SLACK, TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
-from sdhj.problem.checks import real_array, states_array
+from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.problem.checks import number, real_array, states_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
+from sdhj.table.explaining import Explanation
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
@@ -56,6 +57,9 @@ class CertifiedTable(Table):
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        read_only((self.index, self.pool))
+
     @property
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
         return self.proof.problem
@@ -85,11 +89,14 @@ class CertifiedTable(Table):
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
-    def _fewest(self, states: FloatArray, first: int, last: int) -> FloatArray:
-        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,)."""
+    def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
+        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,).
+
+        A state is in a set that is off it by no more than slack (ndim,).
+        """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
-        fewest_steps(states, self.cells, self.index[first : last + 1], self.pool, out)
+        fewest_steps(states, self.cells, slack, self.index[first : last + 1], self.pool, out)
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
@@ -99,15 +106,15 @@ class CertifiedTable(Table):
         """
         last = self.place(step, self.steps)
         if self.problem.stays:
-            return self._fewest(states, last, last) * (self.steps - step + 1)
-        return self._fewest(states, self.place(step, 0), last)
+            return self._fewest(states, last, last, self.proof.shell) * (self.steps - step + 1)
+        return self._fewest(states, self.place(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         place = self.place(start, within)
-        out = self._fewest(points, place, place) == 0
+        out = self._fewest(points, place, place, self.proof.rim) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             around = self._around(np.atleast_2d(points)[out])
-            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place) == 0
+            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place, self.proof.rim) == 0
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
 
@@ -129,14 +136,13 @@ class CertifiedTable(Table):
     def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
 
-        A box counts as wholly certified even if it exceeds the cells by STATE_SLACK plus the drift of three steps. A
+        A box counts as wholly certified even if it exceeds the cells by the shell plus the drift of three steps. A
         box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
         """
         cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
-        known = ((low > cells.lower - 2 * STATE_SLACK) & (high - cells.lower < cells.length + 2 * STATE_SLACK)).all(
-            axis=1
-        )
-        for spare, answer in zip((STATE_SLACK + 2 * DRIFT, -STATE_SLACK), out, strict=True):
+        shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
+        known = ((low > cells.lower - 2 * shell) & (high - cells.lower < cells.length + 2 * shell)).all(axis=1)
+        for spare, answer in zip((shell + 2 * drift, -shell), out, strict=True):
             first = np.floor((low - cells.lower + spare) / cells.width)
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
@@ -161,7 +167,8 @@ class CertifiedTable(Table):
         if self.problem.stays:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        return (self.steps_to_go(self.grid.points(), start) - within).reshape(self.grid.shape).astype(np.float32)
+        fewest = self._fewest(self.grid.points(), self.place(start, 0), self.place(start, self.steps), self.proof.rim)
+        return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
@@ -219,7 +226,7 @@ class CertifiedTable(Table):
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
         return float(np.sum(self._measures[self.index[self.place(start, within)]] * shares))
 
-    @cached_property
+    @kept
     def _measures(self) -> FloatArray:
         """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
@@ -240,6 +247,33 @@ class CertifiedTable(Table):
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
+
+    def steps_of_rounding(self, rounding: float = 1e-14) -> int:
+        """For how many steps a run from a state that `contains` surely finds an answer, however numbers are rounded.
+
+        `contains` counts closed cells. Of later states those count, too, that are off a cell by the shell, 1e-10 of the
+        largest coordinate of an axis (of an arm 1e-10 m and rad). In a step an image may stick out of its cells by
+        twice `DRIFT`, 2e-13 of it, which is all that the checker lets in, and the robot's own state is rounded. A
+        table that holds for ever holds for so many steps in which all of that falls to one side, and again from every
+        state that `contains` says.
+
+        Parameters
+        ----------
+        rounding : float
+            What the robot, or what simulates it, rounds in a step, as a share of the largest coordinate.
+
+        Returns
+        -------
+        int
+            shell / (2 DRIFT + rounding), the least of all axes: some 476 for any robot but the arm.
+
+        Raises
+        ------
+        ValueError
+            If `rounding` is no number of at least 0.
+        """
+        each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
+        return int((self.proof.shell / each).min())
 
     def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
         """Why a state is not certified: which obligation of the proof each input fails, and what may help.
@@ -296,6 +330,8 @@ class CertifiedTable(Table):
         one_for_all = {1, problem.steps + 1} if problem.timeless else set()
         index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
+        if problem.stays and head["details"].get("endless") and len(index) > 1:
+            raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
         return cls(proof, index, pool, head["details"])

@@ -21,6 +21,8 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
+from sdhj.formulas.narrowing import ZERO
+from sdhj.formulas.zeros import UNSURE, is_negative
 
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = f"{Path(__file__).parent.parent}{os.sep}"  # the package: what is wrong stands in the frames of its users
@@ -84,6 +86,10 @@ NUMPYS = "use np.sin, np.floor, ... of it, and np.array([x, y]) in place of writ
 ARRAYS = "use np.stack, or write into np.zeros((len(points), ...)); import numpy at the top of the file"
 SHAPES = "np.full_like(other, number) has the shape of another; points[:, k] is column k"
 UNCOMPILED = "let it stand uncompiled"
+SINGLE = (
+    "one truth value, as t > 1 is, is a number to Python: ~True is -2, and True + True 2; write t <= 1 in place of "
+    "~(t > 1), np.logical_not, np.logical_or, or np.where(t > 1, 1.0, 0.0) for a number"
+)
 DEFINED = "np.where(divisor > 1e-3, number / divisor, other) is defined everywhere, and has bounds"
 ADVICE = {
     **dict.fromkeys(("isnan", "isinf", "isfinite", "nan_to_num", "divide"), DEFINED),
@@ -280,7 +286,9 @@ def _number(array: Traced) -> Traced:
 
 def _nodes_of(array: Any) -> Any:
     out = np.empty_like(array, dtype=object, subok=False)
-    out.flat[:] = [one if isinstance(one, Node) else constant(one) for one in array.ravel().tolist()]
+    values = array.ravel().tolist()
+    known = state.trace is not None
+    out.flat[:] = [v if isinstance(v, Node) else UNSURE if known and is_negative(v) else constant(v) for v in values]
     return out
 
 
@@ -369,6 +377,18 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
+def _unsure(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
+    """An answer with `UNSURE` in place of its zeros, unless they are surely not negative."""
+    doubtful = ufunc not in CHOSEN or any((one.entries == UNSURE).any() for one in operands)
+    if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
+        return answer
+    if not (zero := np.asarray(answer.entries == ZERO)).any():
+        return answer
+    entries = answer.entries.copy("K")
+    entries[zero] = UNSURE
+    return Traced(entries, FLOAT)
+
+
 def _true(array: Any) -> Any:
     """Whether entries are not zero, as NumPy takes numbers for conditions."""
     zero = constant(0.0)
@@ -377,6 +397,8 @@ def _true(array: Any) -> Any:
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
+    if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
+        raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
         return _summed(np.matmul, *arrays)
     if dtype == TRUTH and ufunc in LOGICAL:
@@ -384,9 +406,9 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
-        return Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype)
+        return _unsure(ufunc, Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype), *arrays)
     if ufunc in MADE and dtype == FLOAT:
-        return MADE[ufunc](*(Traced(one.entries) for one in arrays))
+        return _unsure(ufunc, MADE[ufunc](*(Traced(one.entries) for one in arrays)), *arrays)
     name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
         raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
@@ -402,6 +424,8 @@ OPERATIONS: dict[Any, Callable[..., Node]] = {
     getattr(np, name): functools.partial(make, op or name)
     for name, _, op in (one.partition(":") for one in f"{ONE} {TWO} {ORDER}".split())
 } | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
+UNSIGNED = {np.absolute, np.fabs, np.square, np.hypot, np.sign, np.exp, np.cos}  # of zeros none is negative
+CHOSEN = {np.maximum, np.minimum, np.fmax, np.fmin, np.sqrt}  # none, if no operand is
 EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
 EXACT |= {np.less, np.less_equal, np.equal}  # ... of whole numbers and truth values, too
 LOGICAL: dict[Any, Callable[..., Node]] = {
@@ -420,7 +444,11 @@ def _rint(a: Any) -> Any:
 
 
 COMPARED: dict[Any, Callable[..., Any]] = {
-    **{np.greater: lambda a, b: b < a, np.greater_equal: lambda a, b: b <= a, np.not_equal: lambda a, b: ~(a == b)},
+    **{
+        np.greater: lambda a, b: b < a,
+        np.greater_equal: lambda a, b: b <= a,
+        np.not_equal: lambda a, b: np.logical_not(a == b),
+    },
     **{np.bitwise_xor: lambda a, b: a != b, np.logical_xor: lambda a, b: a.astype(bool) != b.astype(bool)},
 }
 MADE: dict[Any, Callable[..., Any]] = {
@@ -444,6 +472,7 @@ MADE: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.deg2rad, np.radians), lambda a: a * (np.pi / 180.0)),
     **dict.fromkeys((np.rad2deg, np.degrees), lambda a: a * (180.0 / np.pi)),
 }
+COUNTING = {np.invert, np.add}  # of Python's truth values, which comparisons of the time are: ~True is -2
 REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.logical_or, np.logical_and)
 
 
@@ -466,7 +495,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
-    return _number(Traced(entries, array.dtype))
+    return _number(_unsure(ufunc, Traced(entries, array.dtype), array))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
@@ -543,7 +572,8 @@ def _summed(function: Any, *args: Any) -> Any:
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
-    return _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
+    answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
+    return _number(_unsure(function, answer))
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

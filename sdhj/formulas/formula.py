@@ -4,7 +4,6 @@ Both are callable with points and parameters, and have `reads` (which coordinate
 over boxes. Of a formula everything is derived from its graph; of a black box its author declares it.
 """
 
-import inspect
 import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,16 +14,20 @@ from typing import Any
 import numpy as np
 from numba import config
 
+from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
+from sdhj.formulas.parameters import check_places
 from sdhj.formulas.rules import OPCODES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
 
+WIDE = 1e-6  # of an interval at one point, beside 1 and its value: there is a jump
+BESIDE = 1e-7  # of a coordinate, beside 1: so far off is what is not on a line
 MOST_JUMPS = 4  # of one function that are taken apart
 NEARLY = 1e-12  # 4,500 units in the last place: what hundreds of operations in another order may differ by
 ANGLE_ERROR = 2.0**-48  # more than angles and remainders are rounded by, as a share
@@ -53,18 +56,18 @@ class Formula:
         ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
         """
         if isinstance(function, BlackBox):
-            return replace(function, name=name)
+            return function.checked(name, names)
         if isinstance(function, Formula):
             if function.coordinates != coordinates or function.parameters != len(names):
                 raise ValueError(f"{name} must be a function of points with {coordinates} coordinates and {names}")
             return replace(function, name=name)
-        _check_signature(name, function, "points", *names)
+        check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
-        return cls(tuple(outputs), coordinates, len(names), (), name, function)
+        return cls(sure_of_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, function)
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
@@ -72,7 +75,7 @@ class Formula:
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
-    @cached_property
+    @kept
     def entries(self) -> Any:
         """The results as an array of nodes, (*shape)."""
         return np.array(self.outputs, dtype=object).reshape(self.shape)
@@ -168,7 +171,7 @@ class Formula:
         pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
         return found, replace(self, outputs=tuple(chain(*pairs)), shape=(2 * len(found),)), rest
 
-    @cached_property
+    @kept
     def reads(self) -> FloatArray:
         """Which coordinates each result reads, (results, coordinates) bool."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
@@ -259,6 +262,30 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
     return code, np.array([top]), results, found, value, places, numbers
 
 
+def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
+    """Nodes that were traced; ValueError where the sign of a zero decides in a whole region, see `zeros`."""
+    rng = np.random.default_rng(0)
+    scales = np.repeat([1.0, 10.0], zeros.POINTS // 2)
+    points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
+
+    def values(nodes: Sequence[Node]) -> FloatArray:
+        one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
+        return one(points, *given, finite=False).T
+
+    wide, times = np.full((1, coordinates), 1e6), [(-1e6, 1e6)] * parameters
+    for one in ordered(outputs):
+        if one.op == "arctan2" and (ys := zeros.signs(one.args[0], values)):
+            x = Formula(one.args[1:], coordinates, parameters)
+            ahead = x.bounds(-wide, wide, *times)[0].item() > 0  # then it is the zero of y
+            if not ahead and (ys != {1.0} or not zeros.signs(one.args[1], values) <= {1.0}):
+                raise NotTraced(
+                    f"{name} has an arctan2(y, x) whose y is 0 in a whole region, where the sign of this zero decides "
+                    "between pi and -pi, or 0 and pi, and formulas do not keep signs of zeros; keep y off 0, as "
+                    "np.maximum(y, 1e-9) does in place of np.maximum(y, 0.0), or x above 0, or wrap it in sdhj.BlackBox"
+                )
+    return tuple(zeros.unsigned(outputs))
+
+
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """A formula from its text."""
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
@@ -267,44 +294,40 @@ def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: in
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
     """Raise ValueError where a function's values (M, *shape) at points (M, n) are not those of its formula.
 
-    NumPy may add in another order. Where values differ by more than `NEARLY` (1 + |value|), it is the formula's
+    NumPy may add in another order. Where values differ by more than `NEARLY` of the largest, it is the formula's
     intervals that they must be in, widened by 4 units in the last place and by their width; to compile those takes
-    seconds, and few functions need them.
+    seconds, and few functions need them. Where an interval is wide, as at the jump of an angle, the values must agree
+    there or close by, where a jump that is a line only has been left.
     """
+    values, own, good, differs = _compared(formula, function, points, parameters)
+    if (some := differs.any(axis=1)).any():
+        beside = np.random.default_rng(0).uniform(-BESIDE, BESIDE, points[some].shape) * (1.0 + np.abs(points[some]))
+        good[some] &= ~_compared(formula, function, points[some] + beside, parameters)[3]
+    if not good.all():
+        row, column = np.argwhere(~good)[0]
+        raise ValueError(
+            f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
+            f"{own[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
+            "functions of the arguments alone, or wrap it in sdhj.BlackBox"
+        )
+
+
+def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
+    """Values (M, K), the formula's, whether they are in its intervals, and whether they differ in wide ones."""
     given = points.copy()
     given.setflags(write=False)
     with np.errstate(all="ignore"):
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
         own = formula(points, *parameters, finite=False).reshape(len(points), -1)
-        if (~np.isfinite(own) | (np.abs(own - values) <= NEARLY * (1.0 + np.abs(own)))).all():
-            return
-    ends = formula.bounds(points, points, *((t, t) for t in parameters))
-    low, high = (end.reshape(len(points), -1) for end in ends)
-    with np.errstate(all="ignore"):
+        largest = np.abs(np.where(np.isfinite(own), own, 0.0)).max(axis=0, initial=0.0)
+        apart = np.isfinite(own) & ~(np.abs(own - values) <= NEARLY * largest)
+        if not apart.any():
+            return values, own, ~apart, apart
+        ends = formula.bounds(points, points, *((t, t) for t in parameters))
+        low, high = (end.reshape(len(points), -1) for end in ends)
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
         good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
-    if not good.all():
-        row, column = np.argwhere(~good)[0]
-        raise ValueError(
-            f"{formula.name} is {values[row, column]} at {points[row].tolist()} and its formula says "
-            f"{low[row, column]}: it hangs on something else than its arguments, or on their type; write it in NumPy's "
-            "functions of the arguments alone, or wrap it in sdhj.BlackBox"
-        )
-
-
-def _check_signature(name: str, function: Any, *takes: str) -> None:
-    """Raise ValueError if something is no function, or its signature does not accept the arguments."""
-    expected = f"{name} must be a function of ({', '.join(takes)})"
-    if not callable(function):
-        raise ValueError(f"{expected}, got {function!r}")
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):  # some compiled functions have none
-        return
-    try:
-        signature.bind(*takes)
-    except TypeError:
-        raise ValueError(f"{expected}, got a function of {signature}") from None
+        return values, own, good, apart & (high - low > WIDE * (1.0 + np.abs(own)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,8 +386,22 @@ class BlackBox:
             array = np.asarray(0.0 if given is None else given, np.float64)
             if not (np.isfinite(array).all() and (array >= 0).all()):
                 raise ValueError(f"{name} of a BlackBox must be finite and at least 0, got {given!r}")
+            if np.ndim(given):
+                object.__setattr__(self, name, read_only(np.array(given, np.float64)))
         if self.reads is not None:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
+
+    def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
+        """The same by another name; ValueError where its functions take something else.
+
+        rest : what the function takes after the state; `takes`: what the enclosure takes after low and high
+        """
+        if not takes:
+            check_places(name, self.function, ("points",), rest)
+        if self.enclosure is not None:
+            times = takes or ("t0", "t1")
+            check_places(f"enclosure of {name}", self.enclosure, ("low", "high"), times)
+        return replace(self, name=name)
 
     @property
     def timed(self) -> bool:
@@ -392,12 +429,19 @@ class BlackBox:
         if self.slope is None or (time[0] != time[1] and self.rate is None):
             what = "a slope" if self.slope is None else "a rate"
             raise ValueError(f"{self.name} is a BlackBox without {what} or an enclosure, which a proof needs")
-        value, half = np.asarray(self((low + high) / 2, sum(time) / 2)), (high - low) / 2
-        slope = np.broadcast_to(self.slope, (half.shape[1],) * 2) if self.shape else np.asarray(self.slope)
-        far = half @ slope.T if slope.ndim else slope * np.sqrt((half**2).sum(axis=1))
-        far = far + (time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))
-        far = far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
-        far = far * (1 + 1e-9) + 1e-9 * (1.0 + np.abs(value))
+        centre, middle = (low + high) / 2, sum(time) / 2
+        value = np.asarray(self(centre, middle))
+        slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
+
+        def change(by: FloatArray, duration: float) -> FloatArray:
+            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))
+            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))
+            return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
+
+        # How it is rounded nobody says: a millionth of a thousandth of what it is and may change by from zero on is
+        # ten million roundings of numbers of that size, in any units.
+        size = np.abs(value) + change(np.abs(centre), abs(middle))
+        far = change((high - low) / 2, (time[1] - time[0]) / 2) * (1 + 1e-9) + 1e-9 * size
         return value - far, value + far
 
     apart = bounds  # it is as its author says
@@ -432,15 +476,17 @@ def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
         ends = np.clip(a - laps[:, None], 0.0, 1.0) * b[0]
         ends = np.where(laps[1] - laps[0] > 1, np.array([[[0.0], [1.0]]]) * b[0], ends)
     else:
-        cut, side = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0), np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
-        y = np.array([[np.where(cut, 0.0, a[0]), a[1]], [a[0], np.where(cut, 0.0, a[1])]])[:, :, None]
-        places = np.stack(np.broadcast_arrays(side * y, b), axis=-1)
-        corners = side * ANGLE(places.reshape(-1, 2), finite=False).reshape(places.shape[:-1])
+        cut = (a[0] <= 0) & (a[1] >= 0) & (b[0] <= 0)
+        below = np.where(cut & (a[0] == 0), -0.0, a[0]), np.where(cut, -0.0, a[1])
+        y = np.array([[np.where(cut, 0.0, a[0]), a[1] + 0.0], below])[:, :, None]
+        x = np.array([np.where(b[0] == 0, -0.0, b[0]), b[1] + 0.0])  # a zero of either sign
+        places = np.stack(np.broadcast_arrays(y, x), axis=-1)
+        corners = ANGLE(places.reshape(-1, 2), finite=False).reshape(places.shape[:-1])
         ends = np.stack([corners.min(axis=(1, 2)), corners.max(axis=(1, 2))], axis=1)
     return ends + np.array([[-1.0], [1.0]]) * (np.abs(ends) * ANGLE_ERROR + TINY)
 
 
-ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y and x; -pi is minus the angle of (0, x)
+ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y and x
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
@@ -458,14 +504,22 @@ def union(*functions: Any) -> Any:
     >>> sdhj.union(left, right)(np.array([[-1.0], [0.0]]), 0.0)
     array([-0.5,  0.5])
     """
+    _check_sets("union", functions)
     return lambda points, t: reduce(np.minimum, [function(points, t) for function in functions])
 
 
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
+    _check_sets("intersection", functions)
     return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
     """The level-set function of all that is not in a set, from the set's: its negative."""
+    _check_sets("complement", (function,))
     return lambda points, t: -function(points, t)
+
+
+def _check_sets(name: str, functions: Sequence[Any]) -> None:
+    for function in functions:
+        check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

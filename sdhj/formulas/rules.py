@@ -43,7 +43,7 @@ RULES = {
         Rule("cos", 1, "cos", "The cosine of an angle in radians."),
         Rule("tan", 1, "tan", "The tangent of an angle in radians; unbounded across a pole.", total=False),
         Rule("arctan", 1, "arctan", "The angle in (-pi/2, pi/2) with this tangent."),
-        Rule("arctan2", 2, "arctan2", "The angle of the point (x, y), y first, in [-pi, pi]; 0 at the origin."),
+        Rule("arctan2", 2, "arctan2", "The angle of (x, y), y first, in [-pi, pi]; zeros have their signs."),
         Rule("tanh", 1, "tanh", "The hyperbolic tangent."),
         Rule("arcsin", 1, "arcsin", "The angle in [-pi/2, pi/2] with this sine; undefined off [-1, 1].", total=False),
         Rule("arccos", 1, "arccos", "The angle in [0, pi] with this cosine; undefined outside [-1, 1].", total=False),

@@ -126,8 +126,8 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 def _near(one: Any, other: Any) -> bool:
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
-        return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE) for a, b in each)
-    return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE, abs_tol=CLOSE))
+        return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
+    return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE))
 
 
 SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "share": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}

@@ -16,7 +16,7 @@ from numba.core.compiler_lock import global_compiler_lock
 
 from sdhj.formulas import arrays
 from sdhj.formulas.arrays import FUNCTIONS, REDUCED, TRUTH, NotTraced, Traced, holds_traced, noted, state, traced_array
-from sdhj.formulas.graph import Node, leaf
+from sdhj.formulas.graph import Node, leaf, leaves
 
 _numbers = itertools.count(1)
 
@@ -202,7 +202,8 @@ def traced(
     """The nodes of what a function answers for one point, flattened, and the shape of that.
 
     It is called with `arguments(rows)`: traced arrays, and numbers or read-only arrays. Its answer has a leading
-    dimension where it is `per_point`, and then that `shape`, or any for None. Called `again` with one point more it
+    dimension where it is `per_point`, which may lack where it reads no point, and then that `shape`, or any for None;
+    of a level set, (), it may not. Called `again` with one point more it
     answers differently where it hangs on their number, on chance, or on earlier calls.
 
     NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
@@ -212,6 +213,9 @@ def traced(
     try:
         for count in (rows, rows + 1) if again else (rows,):
             answer = _answer(name, function, count, arguments)
+            alone = answer.ndim == 1 if shape is None else bool(shape) and answer.shape == tuple(shape)
+            if per_point and alone and not leaves(answer.flat, "x"):  # one value for all points
+                answer = np.broadcast_to(answer, (count, *answer.shape))
             one = answer.shape[1:] if per_point else answer.shape
             if (shape is not None and one != tuple(shape)) or (per_point and answer.shape[:1] != (count,)):
                 shown = tuple("M" if per_point and not k and n == count else n for k, n in enumerate(answer.shape))

@@ -72,13 +72,18 @@ def _turned(out, values, kind, leaves, raised):
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
     turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)
-    for row in range(rows):
+    for node in range(last if after == 1 else 0):  # a loop within the loop would take as long as the rest
+        for row in range(rows):
+            turned[node, row] = values[row, node, 0]
+    for row in range(rows if after > 1 else 0):
         for node in range(last):
             for i in range(after):
                 turned[node, row * after + i] = values[row, node, i]
     for node in range(nodes):
         over_interval(found, turned, np.int64(0), width, node, kind, leaves, np.bool_(False))
-        for row in range(rows):
+        for row in range(rows if after == 1 else 0):
+            out[row, node, 0] = found[row] if not raised or found[row] > out[row, node, 0] else out[row, node, 0]
+        for row in range(rows if after > 1 else 0):
             for i in range(after):
                 value = found[row * after + i]
                 out[row, node, i] = value if not raised or value > out[row, node, i] else out[row, node, i]
@@ -88,7 +93,7 @@ def _turned(out, values, kind, leaves, raised):
 def maximum_of_intervals(values, leaves, raised, out):
     """out[i] = leaf i of values (functions, A, n, B); out (leaves, A, nodes, B). raised: and what was in `out`."""
     count, before, nodes, after = out.shape
-    short = after < SHORT
+    short = after < SHORT and before > 1
     each = max(1, SIDE // after) if short else 1  # rows at a time
     groups, chunks = (before + each - 1) // each, 1 if short else (after + STRETCH - 1) // STRETCH
     for task in prange(count * groups * chunks):

@@ -260,7 +260,7 @@ def pursuer_meets(cell, j, motion, room, block):
 
 
 @kernel(nogil=True)
-def arm_inputs(states, step, cells, motion, index, following, pool, out):
+def arm_inputs(states, step, cells, slack, motion, index, following, pool, out):
     """The inputs certified for states (M, 4): out (M, L) bool, overwritten.
 
     index and following (R,), pool (B, W) : blocks of S_k^n and S_{k+1}^{n-1}, and the blocks. Where the pool is empty:
@@ -270,7 +270,7 @@ def arm_inputs(states, step, cells, motion, index, following, pool, out):
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     out[:] = False
     for m in range(len(states)):
-        for k in range(cells_at(states[m], cells, found)):
+        for k in range(cells_at(states[m], cells, slack, found)):
             cell = found[k]
             row, bit = row_and_bit(cell, cells)
             if pool.size > 0 and not has_bit(pool[index[row]], bit):

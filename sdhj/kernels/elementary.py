@@ -224,11 +224,12 @@ def arctan(x):
 
 @_inlined
 def arctan2(y, x):
-    """From -pi to pi; 0 at the origin. The sign of a zero does not count."""
+    """From -pi to pi. The sign of a zero counts as in NumPy: +-0 or +-pi at the origin, and +-pi where x < 0."""
     high, low = _artan(abs(y), abs(x))
-    value = (PI - high) + (PI_LOW - low) if x < 0.0 else high + low
-    value = 0.0 if (y == 0.0) & (x == 0.0) else value
-    return -value if y < 0.0 else value
+    origin = (y == 0.0) & (x == 0.0)
+    high, low = 0.0 if origin else high, 0.0 if origin else low
+    value = (PI - high) + (PI_LOW - low) if np.float64(x).view(np.int64) < 0 else high + low
+    return -value if np.float64(y).view(np.int64) < 0 else value
 
 
 @_inlined

@@ -58,6 +58,26 @@ def widened(low, high, share, tiny, zero):
 
 
 @_inlined
+def summed(a, b, c, d):
+    """a + b and c + d, each moved outward only where it is not already beyond the exact sum.
+
+    What rounding took away is a number, and its sign is known (Knuth's sum of two). So a sum that is exact stays, and
+    where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, it is still in it.
+    """
+    low, high = a + b, c + d
+    rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)
+    low = low if rest_low >= 0.0 else low - abs(low) * STEP
+    return low, high if rest_high <= 0.0 else high + abs(high) * STEP
+
+
+@_inlined
+def left_over(a, b, total):
+    """a + b - total, exactly, where total is the rounded sum; NaN where that is too large."""
+    second = total - a
+    return (a - (total - second)) + (b - second)
+
+
+@_inlined
 def of_signs(low, high, negative, positive):
     """Widened ends of products or quotients, none of them negative, or none positive, where that is so."""
     low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)

@@ -36,11 +36,13 @@ _TARGET = _UNSAFE + TABLES + 1
 class Shelf(NamedTuple):
     """A look-up table as compiled code reads it, every function on a grid flat.
 
-    steps; index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L,
-    size of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
+    steps; game, the place in tubes of the values by which inputs are selected, -1 where those of the next tube are;
+    index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L, size
+    of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
     """
 
     steps: int
+    game: int
     index: Any
     tubes: Any
     masks: Any
@@ -174,12 +176,12 @@ def _hazard(shelf, step, j, room, still, moving):
 
 
 @kernel(**UNCOUNTED)
-def _of_tubes(shelf, step, state, lattice, room, margin, safe):
-    """safe[j] from marks and margins, and the best input; see `notebooks/site/queries.md`."""
+def _of_tubes(shelf, step, state, lattice, room, margin, safe, depth):
+    """safe[j] from marks and margins, and the best input by depth; see `notebooks/site/queries.md`."""
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = room.marks[j] and margin[j] <= 0.0
-        if safe[j] and (best < 0 or margin[j] < margin[best]):
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
@@ -187,14 +189,15 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
     moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
     for j in range(safe.size):
         safe[j] = margin[j] <= 0.0 and _hazard(shelf, step, j, room, still, moving) <= 0.0
-        if safe[j] and (best < 0 or margin[j] < margin[best]):
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
     best, least = 0, np.inf
     for j in range(safe.size):
-        worse = max(margin[j], _hazard(shelf, step, j, room, still, moving))
-        if room.marks[j] > room.marks[best] or (room.marks[j] == room.marks[best] and worse < least):
+        worse = max(depth[j], _hazard(shelf, step, j, room, still, moving))
+        one, other = shelf.game < 0 and room.marks[j], shelf.game < 0 and room.marks[best]
+        if one > other or (one == other and worse < least):
             best, least = j, worse
     return best
 
@@ -202,22 +205,27 @@ def _of_tubes(shelf, step, state, lattice, room, margin, safe):
 @kernel(**UNCOUNTED)
 def _by_tubes(m, column, states, when, shelf, ends, space, out):
     """The answers for one state, but for the look at the true sets."""
-    (order, lattice, room), (to_go, safe, margins, best), (step, within) = space, out, when
+    (order, lattice, room), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
-    to_go[m], safe[m], margins[m], best[m] = -1, False, np.inf, -1
+    to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
     if not on_grid(state, lattice):
         return
     count = corners(state, room.axes, lattice, TINY, index, weight)
-    to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    if shelf.game < 0:
+        to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    elif weighted(shelf.tubes, shelf.game, index, weight, count) <= 0.0:
+        to_go[m] = steps - step
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
     tube = shelf.tubes[shelf.index[following + n - 1]]
     _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
-    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m])
+    if shelf.game >= 0:
+        _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, depths[m])
+    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m], depths[m])
 
 
 @kernel(**UNCOUNTED)
@@ -277,22 +285,22 @@ def _place(at, state, j, box, lattice, look, spots):
 
 
 @kernel(**UNCOUNTED)
-def _next(known, safe, scores, margin, hazard, first):
+def _next(known, safe, scores, depth, hazard, first):
     """The input to look at next; if it has passed already, or has failed, it is the answer.
 
-    Of the safe ones that of least score, of equals that of least margin; where none is safe, `first`, the best by the
-    tubes; where that fails, the one for which the larger of margin and hazard is least; where none passes, `first`.
+    Of the safe ones that of least score, of equals that of least depth; where none is safe, `first`, the best by the
+    tubes; where that fails, the one for which the larger of depth and hazard is least; where none passes, `first`.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
         if safe[j] and known[j] != FAILS:
             better = best < 0 or scores[j] < scores[best]
-            if better or (scores[j] == scores[best] and margin[j] < margin[best]):
+            if better or (scores[j] == scores[best] and depth[j] < depth[best]):
                 best = j
     if best >= 0 or known[first] != FAILS:
         return best if best >= 0 else first
     for j in range(safe.size):
-        worse = max(margin[j], hazard[j])
+        worse = max(depth[j], hazard[j])
         if known[j] != FAILS and worse < least:
             best, least = j, worse
     return best if best >= 0 else first
@@ -306,7 +314,7 @@ def propose(waiting, within, states, rows, packs, ahead, out, spots):
     no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores) of `decide`, as the other arguments but
     spots, which is what `spots_for` returns. Returns how many still wait.
     """
-    (to_go, safe, margins, best), (slots, known, hazard, points, past, _, _) = out, spots
+    (to_go, safe, _, best, depths), (slots, known, hazard, points, past, _, _) = out, spots
     (ints, floats), (ends, scores) = packs, ahead
     lattice, times, faces = _lattice(ints, floats), part(ints, floats, LOOK_TIMES), part(ints, floats, _FACES)
     some = 0
@@ -319,7 +327,7 @@ def propose(waiting, within, states, rows, packs, ahead, out, spots):
         waiting, some = some, 0
     for k in range(waiting):
         r, m = slots[0, k], rows[slots[0, k]]
-        j = _next(known[r], safe[m], scores[m], margins[m], hazard[r], slots[1, r])
+        j = _next(known[r], safe[m], scores[m], depths[m], hazard[r], slots[1, r])
         best[m], slots[1, r] = j, j if slots[1, r] < 0 else slots[1, r]
         if known[r, j] == UNKNOWN:
             box = ends, r if ends.shape[3] > 1 else 0
@@ -336,7 +344,7 @@ def judge(waiting, rows, looks, count, out, spots):
     What is in an unsafe set is not admissible, with `ONLY_LOOK` just its steps to go say so; what is in no target has
     one step to go, or none any longer. An input that fails is not safe.
     """
-    (to_go, safe, margins, best), (slots, known, _, _, past, level, there) = out, spots
+    (to_go, safe, margins, best, depths), (slots, known, _, _, past, level, there) = out, spots
     last, some = LOOKED if count > 1 else 0, 0
     for k in range(waiting):
         r, m = slots[0, k], rows[slots[0, k]]
@@ -355,7 +363,7 @@ def judge(waiting, rows, looks, count, out, spots):
         if lost:
             to_go[m] = -1
         if lost and looks != ONLY_LOOK:
-            safe[m], margins[m], best[m] = False, np.inf, -1
+            safe[m], margins[m], best[m], depths[m] = False, np.inf, -1, np.inf
         elif not passes:
             safe[m, j] = False
             slots[0, some] = r
@@ -388,7 +396,7 @@ def _look(rows, when, states, packs, ahead, table, space, out):
 
     table : (shelf, lattice). space : (room, spots, work)
     """
-    (step, within, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
+    (step, within, _, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
     times = part(ints, floats, LOOK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
     while waiting > 0:
@@ -435,10 +443,10 @@ def _lead(begin, rows, states, packs, ends, found, work):
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
     """The answers for some states; False where formulas are undefined."""
-    (step, within, steps, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
+    (step, within, steps, game, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
     lattice, order = _lattice(ints, floats), part(ints, ints, _ORDER)
     still, timed = part(ints, ints, _STATIC), part(ints, ints, _MOVING)
-    shelf = Shelf(steps, index, tubes, masks, static, still, moving, timed)
+    shelf = Shelf(steps, game, index, tubes, masks, static, still, moving, timed)
     for r in range(rows.size if looks != ONLY_LOOK else 0):
         column = r if ahead[0].shape[3] > 1 else 0
         _by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, space[0]), out)
@@ -479,9 +487,9 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ----------
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    when : (step, within, steps, looks)
-        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. looks:
-        `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
+    when : (step, within, steps, game, looks)
+        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. game:
+        as in `Shelf`. looks: `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
     packs, stored : (ints, floats), (index, tubes, masks, static, moving)
         What is packed (above); of a `Shelf`.
     ends : (4, L, ndim, 1 or R)
@@ -489,10 +497,10 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         states at the interval's end, and two terms of the path without an adversary, which after a share s of the
         interval is s ends[2] + s^2 ends[3] away. Where there is a tape for it, it is played, and `ends` is not read.
     scores : (M, L)
-        Which safe input is preferred as `best`: that of least score, of equals that of least margin.
-    out : (to_go (M,), safe (M, L), margins (M, L), best (M,))
-        To be written. to_go is -1 where no tube holds the state; safe is False, margins inf and best -1 there and at
-        the last step.
+        Which safe input is preferred as `best`: that of least score, of equals that of least depth.
+    out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
+        To be written. to_go is -1 where no tube holds the state; safe is False, margins and depths inf and best -1
+        there and at the last step. Without a `game`, depths is the array margins.
 
     Returns
     -------
@@ -505,7 +513,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     alike = length(ints, np.int64(_AHEAD + RESULTS)) == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((4, inputs, ndim, width)), np.empty((width, ndim))
     room = _room(near.shape[3], ndim, inputs, size)
-    spots = spots_for(width if when[3] != TUBES else 0, inputs, count, ndim, sets)
+    spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (_AHEAD, _UNSAFE, _TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
@@ -528,7 +536,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     """
     axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
-    shelf = Shelf(0, *nothing, static, axes[0], moving, axes[1])
+    shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
     room = _room(1, states.shape[1], out.shape[1], 0)
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])

@@ -13,7 +13,7 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 
-STATE_SLACK = 1e-10  # of a state's coordinate: see the docstring of sdhj.certified.sets
+STATE_SLACK = 1e-10  # of the largest coordinate of an axis (of the arm: m, rad): see sdhj.certified.sets
 TOUCHING = 1e-300  # the hazard of an input that is not proved to stay clear is at least this
 FULL = np.uint64(0xFFFFFFFFFFFFFFFF)
 BIT = np.uint64(1)
@@ -158,8 +158,8 @@ def add_certified(cells, first, number, allowed, clear, out):
 
 
 @kernel(**UNCOUNTED)
-def cells_at(state, cells, found):
-    """The cells within STATE_SLACK of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
+def cells_at(state, cells, slack, found):
+    """The cells within slack (ndim,) of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
 
     None off a bounded axis.
     """
@@ -169,9 +169,9 @@ def cells_at(state, cells, found):
         offset = state[axis] - cells.lower[axis]
         if cells.periodic[axis]:
             offset -= length * math.floor(offset / length)
-        elif offset < -STATE_SLACK or offset > length + STATE_SLACK:
+        elif offset < -slack[axis] or offset > length + slack[axis]:
             return 0
-        below, above = offset - STATE_SLACK, offset + STATE_SLACK
+        below, above = offset - slack[axis], offset + slack[axis]
         first = min(max(math.floor(below / width), 0), count - 1)
         last = min(max(math.floor(above / width), 0), count - 1)
         if cells.periodic[axis] and below < 0.0:
@@ -201,8 +201,8 @@ def row_and_bit(cell, cells):
 
 
 @kernel(nogil=True)
-def fewest_steps(states, cells, index, pool, out):
-    """The first of nested sets with a certified cell within STATE_SLACK of each of the states (M, ndim).
+def fewest_steps(states, cells, slack, index, pool, out):
+    """The first of nested sets with a certified cell within slack (ndim,) of each of the states (M, ndim).
 
     index (n, R), pool (B, W) : the blocks of each row of the n sets, each inside the next
     out (M,) int64 : 0 to n - 1, or n where none holds the state. Overwritten.
@@ -210,7 +210,7 @@ def fewest_steps(states, cells, index, pool, out):
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
         out[m] = index.shape[0]
-        for k in range(cells_at(states[m], cells, found)):
+        for k in range(cells_at(states[m], cells, slack, found)):
             row, bit = row_and_bit(found[k], cells)
             least, most = 0, out[m]  # bisection: the sets before `least` do not hold the cell, `most` may
             while least < most:

@@ -1,7 +1,9 @@
 """One piece of an interval, for many boxes at once: the arithmetic of `sdhj.certified.images`, where its reasons stand.
 
 Boxes, how far their ends have moved, and bounds on velocities in them are (2, M, ndim): lower ends, upper ends.
-carried (ndim,) bool: axes on which a box is all there is. Numbers that are undefined are passed on, never dropped.
+carried (ndim,) bool: axes on which a box is all there is. shell (ndim,): room for rounding, of which it takes less
+than a millionth: it is off by some units in the last place, 2e-16 of a coordinate, and the shell is 1e-10 of the
+largest one. Numbers that are undefined are passed on, never dropped.
 """
 
 import math
@@ -9,11 +11,10 @@ import math
 import numpy as np
 
 from sdhj.kernels.compiling import kernel
-from sdhj.kernels.packed import STATE_SLACK
 
 
 @kernel(nogil=True)
-def guess_room(start, moved, before, carried, ends, room):
+def guess_room(start, moved, before, carried, shell, ends, room):
     """Write where boxes that began at `start` are, and a guess of what they sweep next: as much as `before`."""
     for side in range(2):
         way = 2.0 * side - 1.0
@@ -24,11 +25,11 @@ def guess_room(start, moved, before, carried, ends, room):
                     end += moved[side, m, k]
                 ends[side, m, k] = room[side, m, k] = end
                 if not carried[k]:
-                    room[side, m, k] = end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + STATE_SLACK)
+                    room[side, m, k] = end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + shell[k])
 
 
 @kernel(nogil=True)
-def sweep(ends, velocity, h, carried, room, out):
+def sweep(ends, velocity, h, carried, shell, room, out):
     """Write what boxes sweep within h at velocities that hold in `room`; whether they stay inside it."""
     inside = True
     for side in range(2):
@@ -38,19 +39,19 @@ def sweep(ends, velocity, h, carried, room, out):
                 end = out[side, m, k] = ends[side, m, k]
                 if not carried[k]:
                     moved = end + h * velocity[side, m, k]
-                    end = (end if way * moved <= way * end else moved) + way * STATE_SLACK / 4
+                    end = (end if way * moved <= way * end else moved) + way * shell[k] / 4
                     out[side, m, k] = end
                     inside &= way * end < way * room[side, m, k]
     return inside
 
 
 @kernel(nogil=True)
-def narrow_to_face(ends, velocity, h, side, axis, box):
+def narrow_to_face(ends, velocity, h, side, axis, shell, box):
     """Narrow boxes to where, within h, the state can be the first (side 0) or the last (1) of all along an axis."""
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
-        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - STATE_SLACK / 8
-        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + STATE_SLACK / 8
+        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8
+        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8
 
 
 @kernel(nogil=True)

@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, STATE_SLACK, cells_at, has_bit, has_bits, row_and_bit, shifted_word
+from sdhj.kernels.packed import BIT, cells_at, has_bit, has_bits, row_and_bit, shifted_word
 
 
 class Moves(NamedTuple):
@@ -286,7 +286,7 @@ class Placed(NamedTuple):
     """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
 
     Of `strike` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,);
-    edges (ndim, most + 1); safe (2, ndim): the safe ends, infinite where there are none.
+    edges (ndim, most + 1); safe (2, ndim): what is past these has left by a safe end; infinite where there are none.
     """
 
     counts: FloatArray
@@ -309,8 +309,8 @@ def parts_inside(cell, tube, layout):
         return tube.shape[0]
     for part in range(tube.shape[0]):
         for axis in range(cell.size):
-            if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] + STATE_SLACK or (
-                layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis] - STATE_SLACK
+            if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] or (
+                layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis]
             ):
                 return part
     return tube.shape[0]
@@ -479,8 +479,8 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 
 @kernel(nogil=True)
-def certified_inputs(states, cells, moves, clear, index, pool, out):
-    """Inputs that are safe and lead into a set with rows pool[index], of all cells within STATE_SLACK of each state.
+def certified_inputs(states, cells, slack, moves, clear, index, pool, out):
+    """Inputs that are safe and lead into a set with rows pool[index], of all cells within slack (ndim,) of each state.
 
     clear (cells, bytes); out (M, L) bool, overwritten. Where the pool is empty: inputs that are safe.
     """
@@ -488,7 +488,7 @@ def certified_inputs(states, cells, moves, clear, index, pool, out):
     found, room = np.empty((1 << ndim, ndim), np.int64), np.empty((3, ndim), np.int64)
     out[:] = False
     for m in range(states.shape[0]):
-        for k in range(cells_at(states[m], cells, found)):
+        for k in range(cells_at(states[m], cells, slack, found)):
             cell = found[k]
             row, bit = row_and_bit(cell, cells)
             safe, place = clear[row * cells.counts[-1] + bit], np.sum(cell * moves.strides)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import get_num_threads
 
-from sdhj.kernels import FloatArray, elementary, intervals
+from sdhj.kernels import FloatArray, elementary, intervals, read_only
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.elementary import ERRORS, INF, NAN
 from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
@@ -80,7 +80,7 @@ def packed(*arrays: FloatArray) -> Tape:
         parts[sort].append(one.ravel())
         row[:] = ends[sort], ends[sort] + one.size
         ends[sort] += one.size
-    return Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1]))
+    return read_only(Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1])))
 
 
 @kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
@@ -202,7 +202,7 @@ def _truths(op, room, i, j, k, last, count):
     a, b, c, out = room[i], room[j], room[last], room[k]
     if op == SIGN:
         for m in range(count):
-            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else 0.0 * a[m])
+            out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
     elif op == LESS:
         for m in range(count):
             out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
@@ -328,6 +328,7 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
     """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
     ints, floats = tape
+    parameters = read_only(parameters)  # as those are that compiled look-ups give
     if len(points) * len(ints) < MANY:
         return bool(play_part(ints, floats, 0, points, parameters, out, 0, len(points)) == 0.0)
     return sum(_share_out(play_part, len(points), ints, floats, 0, points, parameters, out)) == 0.0
@@ -409,10 +410,10 @@ def _direct_bounds(op, room, i, j, k, last, count):
     c, out = room[2 * last : 2 * last + 2], room[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] + b[0, m], a[1, m] + b[1, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], b[0, m], a[1, m], b[1, m])
     elif op == SUB:
         for m in range(count):
-            out[0, m], out[1, m] = intervals.widened(a[0, m] - b[1, m], a[1, m] - b[0, m], STEP, 0.0, 0.0)
+            out[0, m], out[1, m] = intervals.summed(a[0, m], -b[1, m], a[1, m], -b[0, m])
     elif op == MUL:
         for m in range(count):
             out[0, m], out[1, m] = intervals.mul(a[0, m], a[1, m], b[0, m], b[1, m])

@@ -12,7 +12,7 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import Leaves, over_interval
 from sdhj.kernels.compiling import FEW, UNCOUNTED, inlined, kernel
-from sdhj.kernels.stages import BLOCKS, raise_to
+from sdhj.kernels.stages import BLOCKS
 
 EIGHT = 8  # inputs at a time
 PAST = 32  # numbers beyond a row that may be written, and beyond its pieces that may be read
@@ -91,7 +91,8 @@ def _raised(out, wall, highest, level):
     for i in range(out.size):
         below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
     if below > 0:
-        raise_to(out, wall)
+        for i in range(out.size):
+            out[i] = out[i] if out[i] > wall[i] else wall[i]
     return level
 
 

@@ -15,22 +15,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from sdhj.kernels.compiling import announced, hidden
-from sdhj.outofcore.slabs import KINDS, AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
+from sdhj.outofcore.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps, work
 from sdhj.outofcore.store import CACHE_BYTES, STORE_FORMAT, TableStore, create, digest, free_name, room_for
 from sdhj.outofcore.table import StoredTable
 from sdhj.problem.checks import whole
+from sdhj.problem.cost import Cost, Meter, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
-from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.restoring import arrays_of
+from sdhj.problem.problem import ReachAvoidProblem, arrays_of
 from sdhj.solver.avoid import dangers, never_felt
-from sdhj.solver.games import KEPT
+from sdhj.solver.games import KEPT, Axes, HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of
-from sdhj.solver.recursion import recursion
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.recursion import PROCESS, recursion
+from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.table.files import VERSION, Named, TableFileError, checked_head, head_of_table, problem_of_file
 from sdhj.table.table import AvoidTubes, LookupTable
 
@@ -47,27 +46,56 @@ def solve_stored(
     resume: bool,
     client: Any,
     memory: int | None,
+    operations: float,
 ) -> StoredTable:
     """As `sdhj.solve` with a store: see there."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     method, started, path = method_of(method), time.perf_counter(), Path(os.path.abspath(path))
     refuse(problem, method)
-    with announced(progress):
-        if resume and path.exists():
+    with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
+        if again := resume and path.exists():
             cut = cut_of(TableStore(path), problem, method)
             plan = replace(planned(problem, method, cut), path=path)
         else:
             free_name(path)
             plan = replace(planned(problem, method, room=room_of(memory, client)), path=path)
+        begin(partial(cost_in_slabs, plan))
+        if not again:
             room_for(path, bytes_of(_arrays(plan)))
             create(path, _head_of(plan), arrays_of(problem))
-        static, moving = (plan.slabs if plan.cuts(kind) else 1 for kind in KINDS)
-        most = LookupTable.rooms(problem) * plan.slabs + static + problem.steps * moving  # slabs that are worked on
-        with tqdm(total=most, desc=method.name, unit="slab", disable=hidden(progress)) as bar:
-            sets = StoredSets(plan, TableStore(path), runner(plan, client), bar.update)
-            recursion(sets, problem.steps, lambda: None)
-            return sets.finish({"seconds": time.perf_counter() - started})
+
+        def slabs_done(number: int) -> None:  # here the games tell, more often
+            if client is not None:
+                meter.tick(number * meter.each / plan.slabs)
+
+        sets = StoredSets(plan, TableStore(path), runner(plan, client), slabs_done)
+        meter.tube()
+        recursion(sets, problem.steps, meter.tube)
+        return sets.finish({"seconds": time.perf_counter() - started})
+
+
+def cost_in_slabs(plan: Plan) -> Cost:
+    """What a solve costs in slabs, each with its halo, by the model of `sdhj.problem.cost`."""
+    problem, method, steps = plan.problem, plan.method, plan.problem.steps
+
+    def game(played: ReachAvoidProblem, axes: Axes, counted: Any, axis: int | None, halo: int, wall: bool) -> float:
+        games, n = method.on(played), 1 if axis is None else played.grid.shape[axis]
+        games.counted = counted
+        once = games.operations(axes, 0, wall)
+        crossed.append(games.crossed)
+        return once if axis is None else once * sum(min(plan.width + 2 * halo, n) for _ in range(plan.slabs)) / n
+
+    crossed, once = list[float](), 0.0
+    for one in plan.games:
+        own = one.danger
+        found = game(own.problem, own.problem.avoid_axes(own.part), one.counted, one.axis, one.halo, True)
+        once += found * (steps if own.moves else 1)
+    tubes, every = steps if problem.timeless else steps * (steps + 1) // 2, tuple(range(problem.grid.ndim))
+    each = game(problem, every, plan.counted, plan.axis, plan.halo, False) + len(problem.inputs) * problem.grid.size
+    check_crossing(problem, max(crossed), stacklevel=6)
+    why = multiplied(problem, tubes, problem.grid.size, "nodes") + f", in {plan.slabs} slabs"
+    return Cost(once + tubes * each, PROCESS + task_bytes(plan), tubes, once, max(crossed), why)
 
 
 def bytes_of(arrays: Mapping[str, Any]) -> int:
@@ -182,6 +210,9 @@ def task_bytes(plan: Plan) -> int:
 
     middle = plan.span((plan.slabs - 1) // 2)  # whose halos no end of the grid cuts short
     windows, tubes = [around(problem.grid, plan.axis, middle, plan.halo)[0]], 0
+    reaching = plan.method.on(problem)
+    if isinstance(reaching, HJIGames) and reaching.shifted:
+        windows[0] = windows[0].continued(reaching.around[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in plan.runs(0, plan.avoid_axes[kind]))
         for game in games:

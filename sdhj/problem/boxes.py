@@ -20,6 +20,7 @@ from sdhj.problem.grid import Grid, Window
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
+A_LOOK = 0.25  # of an operation: what a look at a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
@@ -89,13 +90,16 @@ class Level(NamedTuple):
     parent: tuple[int, ...]
     which: tuple[int, ...]
 
-    def leaves(self, grid: Grid, limited: bool, dtype: str, wanted: slice) -> Leaves:
-        n, spacing, axis = grid.shape[self.axis], grid.spacing[self.axis], self.axis
-        nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
-        cells = tuple((low / spacing, high / spacing) for low, high in self.spans)
-        found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
-        taps, weight, between = (np.ascontiguousarray(one[:, wanted]) for one in found[:3])
-        return Leaves(np.array(self.parent), np.array(self.which), taps, weight, between, found[3])
+
+@lru_cache(maxsize=16)  # the same at every step
+def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
+    """The maxima of a level at the nodes from `begin` to `end` of its axis."""
+    axis, n = level.axis, grid.shape[level.axis]
+    nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
+    cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in level.spans)
+    found = intervals(nodes, grid.periodic[axis], cells, limited, dtype, None if some == (0, nodes) else some)
+    taps, weight, between = (np.ascontiguousarray(one[:, begin:end]) for one in found[:3])
+    return Leaves(np.array(level.parent), np.array(level.which), taps, weight, between, found[3])
 
 
 @lru_cache(maxsize=64)
@@ -146,11 +150,22 @@ def maxima(
         # a copy of what may not be written to, for which kernels would be compiled once more
         found = np.require(values[tuple(rest)], requirements=("C", "W"))[None]
         for level in levels:
-            some = wanted[level.axis] if wanted else slice(None)
-            leaves = level.leaves(grid, interpolation == "limited", values.dtype.str, some)
+            some = range(grid.shape[level.axis])[wanted[level.axis] if wanted else slice(None)]
+            leaves = _leaves(level, grid, interpolation == "limited", values.dtype.str, some.start, some.stop)
             whole = Maxima(first, len(level.parent), found, level.axis, leaves)
             found = whole.of() if level is not levels[-1] else found
         yield whole
+
+
+def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
+    """What `maxima` takes, as `sdhj.problem.cost` counts: a node of a leaf looks at four others, and those between."""
+    corners, looks = np.stack([low, high], axis=2).astype(float), 0.0
+    for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
+        for level in levels:
+            n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
+            widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
+            looks += sum(widths[which] for which in level.which)
+    return A_LOOK * looks * grid.size
 
 
 def maximum_over_boxes(

@@ -3,16 +3,51 @@
 import inspect
 import reprlib
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sdhj.formulas.formula import BlackBox
+from sdhj.formulas.parameters import NAMES, STATES, parameters_of
 
 DOUBLE = np.dtype(np.float64)
 KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {"velocity": ("points", "u", "v", "t")}
-STATES = ("points", "q", "x", "p", "state", "states")  # what `bounds` calls the state where it takes nothing else
+
+
+class Options:
+    """Base of dataclasses of options: an unknown name is refused, with where it belongs or with all that there are."""
+
+    def __new__(cls, *args: Any, **given: Any) -> Self:
+        for name, value in given.items():
+            if name not in options_of(cls):
+                written = belonging_to(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
+                raise TypeError(f"{cls.__name__} has no option {name!r} of its own; {written}")
+        return super().__new__(cls)
+
+
+def options_of(kind: Any) -> dict[str, Any]:
+    """The fields of a dataclass of options that can be given, by name."""
+    return {one.name: one for one in fields(kind) if one.init}
+
+
+def belonging_to(kind: Any, name: str, value: Any) -> str:
+    """How an option of a part of `kind` is written, and what is wrong with its value; empty if no part has it."""
+    for part in options_of(kind).values():
+        inner = part.default_factory
+        if not (isinstance(inner, type) and issubclass(inner, Options)):
+            continue
+        if name in options_of(inner):
+            try:
+                inner(**{name: value})
+                wrong = ""
+            except ValueError as error:
+                wrong = f", where {error}"
+            return f"it belongs to {part.name}=sdhj.{inner.__name__}({name}=...){wrong}"
+        if deeper := belonging_to(inner, name, value):
+            return f"{deeper}, in {part.name}=sdhj.{inner.__name__}(...)"
+    return ""
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
@@ -148,9 +183,9 @@ def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
 def arguments(name: str, function: Any) -> tuple[str, ...]:
     """Which of `KNOWN[name]` a function takes, in the order of its parameters.
 
-    The first parameter is the state, called points here, unless it is called u, v or t; the others are known by their
-    names. Parameters with defaults and other names are left alone. ValueError if it takes something else, or is not a
-    function.
+    The first parameter is the state, called points here, whatever the function calls it; the others are known by their
+    names. Of bounds alone the only one may be t. Parameters with defaults and other names are left alone. ValueError if
+    it takes something else, if its first parameter has the name of another, or if it is no function.
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"
@@ -162,11 +197,16 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     except (TypeError, ValueError):
         raise ValueError(f"{expected}; this one does not say what it takes: wrap it in a lambda") from None
     places = [p for p in signature.parameters.values() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    taken = [p.name for p in places if p.default is p.empty or p.name in known[1:]]
-    named = [one if one in known[1:] else "" for one in taken]
-    if named and not named[0] and (name != "bounds" or len(named) > 1 or taken[0] in STATES):
-        named[0] = "points"
     lost = any(p.kind is p.KEYWORD_ONLY and p.default is p.empty for p in signature.parameters.values())
-    if not named or "" in named or lost or taken != [p.name for p in places[: len(taken)]]:
+    if name == "bounds" and [p.name for p in places if p.name in NAMES or p.default is p.empty] == ["t"] and not lost:
+        return ("t",)
+    places = parameters_of(name, function, signature, known[1:])
+    taken = [p.name for place, p in enumerate(places) if not place or p.name in known[1:] or p.default is p.empty]
+    fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]
+    if (
+        not fits
+        or not set(taken[1:]) <= set(known[1:])
+        or (name == "bounds" and len(taken) == 1 and taken[0] not in STATES)
+    ):
         raise ValueError(f"{expected}; these are the names that are known, got {signature}")
-    return tuple(named)
+    return ("points", *taken[1:])

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.derivative import linear
-from sdhj.formulas.formula import BlackBox, Ends, Formula, compare
+from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, sure_of_zeros
 from sdhj.formulas.graph import Node, constant, leaf, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
 MOST_INPUTS = 256
@@ -52,9 +52,10 @@ class Dynamics:
     -----
     Functions are read once, as formulas (`sdhj.formulas`), when a `ReachAvoidProblem` is made; the time t is in s, from
     step 0 on. The first parameter is the state, whatever it is called, and the others are known by the names u, v and
-    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`, `bounds(t)`. Without the state a function
-    returns one value for all states, without the leading dimension M. Coordinates on periodic axes are wrapped into the
-    grid before a velocity is evaluated.
+    t; those that are not used may be left out: `drift(q, u)`, `gain(q)`. The state may not: it is an unused first
+    parameter where nothing depends on it, `drift(q, u, t)` with one value for all states, without the leading dimension
+    M, and no first parameter is called u, v or t. Only `bounds(t)` may be without it. Coordinates on periodic axes are
+    wrapped into the grid before a velocity is evaluated.
 
     Examples
     --------
@@ -85,7 +86,7 @@ class Dynamics:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
         if inputs.shape[0] > MOST_INPUTS:
             raise ValueError(f"{len(inputs)} inputs; at most {MOST_INPUTS} are supported, so quantise more coarsely")
-        object.__setattr__(self, "inputs", inputs)
+        object.__setattr__(self, "inputs", read_only(inputs))
         if (self.velocity is None) == (self.drift is None) or (self.velocity is not None and self.gain is not None):
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
@@ -94,13 +95,13 @@ class Dynamics:
             bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
-            object.__setattr__(self, "bounds", bounds)
+            object.__setattr__(self, "bounds", read_only(bounds))
         for name in KNOWN:
             given = getattr(self, name)
             if callable(given):
                 arguments(name, given)
             elif name in ("drift", "gain") and given is not None:
-                object.__setattr__(self, name, finite_array(name, given))
+                object.__setattr__(self, name, read_only(finite_array(name, given)))
             elif name == "velocity" and given is not None:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
@@ -129,17 +130,22 @@ class Dynamics:
             bounds = _constants("bounds", np.ones(bounds.shape), ndim)
         return VectorField(self.inputs, ndim, drift, gain, bounds)
 
-    def compare(self, field: "VectorField", states: FloatArray, delta: float) -> None:
-        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it."""
+    def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
+        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it.
+
+        Each input has one of the `times`, and the first all.
+        """
         for name, formula in self._parts.items():
             function = getattr(self, name)
             takes = arguments(name, function)
-            for j, u in enumerate(self.inputs):
-                t, v = (j % 2) * 0.7 * delta, np.linspace(-0.5, 0.5, field.adversaries)
+            for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
+                u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
 
-                def called(points: FloatArray, t: float, *v: float, u: FloatArray = u) -> Any:
+                def called(
+                    points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
+                ) -> Any:
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
-                    return values if "points" in takes else np.broadcast_to(values, (len(points), *values.shape))  # noqa: B023
+                    return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
@@ -152,7 +158,8 @@ class Dynamics:
             given = np.zeros(1 if shape is None else shape)
         if isinstance(given, BlackBox):
             function = partial(_called, given.function, arguments(name, given))
-            return replace(given, function=function, name=name, shape=shape or ())
+            given = given.checked(name, (), ("u", "t0", "t1"))
+            return replace(given, function=function, shape=shape or ())
         if isinstance(given, Formula):
             return given
         if not callable(given):
@@ -181,7 +188,8 @@ class Dynamics:
                 f"{name} has {lines:,} operations for all {count} inputs together, and a file keeps fewer than "
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
-        self._parts[name] = Formula(tuple(outputs), ndim, parameters, (count, *one), name)
+        results = sure_of_zeros(name, outputs, ndim, parameters)
+        self._parts[name] = Formula(results, ndim, parameters, (count, *one), name)
         return self._parts[name]
 
 
@@ -233,7 +241,7 @@ class VectorField:
         fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
         return fixed and self.gain is not None and self.alike
 
-    @cached_property
+    @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Drift (L, ndim), gain (ndim, D) and bounds (D,) where they are constant."""
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
@@ -260,7 +268,7 @@ class VectorField:
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
-    @cached_property
+    @kept
     def pushes(self) -> FloatArray:
         """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
         if not isinstance(self.gain, Formula):
@@ -268,7 +276,7 @@ class VectorField:
         zero = constant(0.0)
         return ((self.gain.entries != zero) & (self.bounds.entries != zero)[:, None]).astype(np.bool_)
 
-    @cached_property
+    @kept
     def reads(self) -> FloatArray:
         """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
         out = np.zeros((self.ndim, self.ndim), np.bool_)

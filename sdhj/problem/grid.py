@@ -9,12 +9,12 @@ import reprlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from sdhj.formulas.arrays import Traced
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole
 from sdhj.problem.memory import require
@@ -77,6 +77,7 @@ class Grid:
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
     rim: tuple[tuple[int, int], ...] = ()
+    unsaid: ClassVar[bool] = False  # of an object: whether neither `periodic` nor `ends` was given
 
     def __init__(
         self,
@@ -85,13 +86,14 @@ class Grid:
         shape: Sequence[int],
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
-        ends: str | Sequence[Any] = ENDS[0],
+        ends: str | Sequence[Any] | None = None,
         rim: Sequence[Any] = (),
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
-        periodic = [False] * ndim if periodic is None else periodic
+        self.__dict__["unsaid"] = periodic is None and ends is None
+        periodic, ends = [False] * ndim if periodic is None else periodic, ENDS[0] if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
             if len(sequence(label, given)) != ndim:
@@ -163,6 +165,14 @@ class Grid:
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
+    def continued(self, by: Sequence[int]) -> "Grid":
+        """The grid with so many more nodes of each axis before its lower and behind its upper end, as if at walls."""
+        past, nodes = np.array(by) * self.spacing, [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
+        ends = (np.array(self.lower) - past).tolist(), (np.array(self.upper) + past).tolist()
+        wide = Grid(*ends, nodes, self.periodic, self.names, "wall")
+        wide.__dict__["spacing"] = self.spacing
+        return wide
+
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
         rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
@@ -207,7 +217,7 @@ class Grid:
         wrap(points, *self._ends)
         return points
 
-    @cached_property
+    @kept
     def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
@@ -220,7 +230,7 @@ class Grid:
         flat.flags.writeable = False  # of all that comes: what may be written has another type, compiled anew
         return interpolate(flat, points_array("points", points, self.ndim), self.arrays)
 
-    @cached_property
+    @kept
     def arrays(self) -> Lattice:
         """The grid in the form that compiled code takes."""
         (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
@@ -235,7 +245,7 @@ class Grid:
             such = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
             past = np.array(self.rim).T * self.spacing
             low = np.where(such[:, 0], self.lower + past[0], -np.inf)
-            known[kinds] = low, np.where(such[:, 1], self.upper - past[1], np.inf)
+            known[kinds] = read_only((low, np.where(such[:, 1], self.upper - past[1], np.inf)))
         return known[kinds]
 
     def has(self, kind: str) -> bool:
@@ -260,7 +270,7 @@ class Grid:
         (low, high), slack = self.faces(*kinds), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
-    @cached_property
+    @kept
     def weights(self) -> FloatArray:
         """Share of the grid's volume that each node represents, shape `shape`; half a cell at a bounded end."""
         total = np.ones(())
@@ -306,6 +316,10 @@ class Window(Grid):
     def nodes(self, axis: int) -> FloatArray:
         return self.whole.nodes(axis)[self.places(axis)]
 
+    def continued(self, by: Sequence[int]) -> Grid:
+        shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
+        return self.whole.continued(by).window(self.first, shape)
+
     def shares(self, axis: int) -> FloatArray:
         return self.whole.shares(axis)[self.places(axis)]
 
@@ -313,7 +327,7 @@ class Window(Grid):
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
-    @cached_property
+    @kept
     def arrays(self) -> Lattice:
         first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
         return self.whole.arrays._replace(first=first, extent=extent)

@@ -4,22 +4,20 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, reduce
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 
-KNOWN_AT_MOST = 512  # velocities at different times that an interval keeps
-KNOWN_BYTES = 2**25  # of all of them together
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
@@ -42,9 +40,12 @@ class Velocities:
     gain: FloatArray | None = None
     shape: tuple[int, ...] = ()
 
+    def __post_init__(self) -> None:
+        read_only((self.low, self.high, self.drift, self.gain))
+
     def kept(self) -> "Velocities":
-        """These velocities, which keep what is made of them for the kernels in `terms`, by the layout."""
-        self.__dict__.setdefault("terms", {})
+        """These velocities, which keep what is made of them for the kernels in `_terms`, by the layout."""
+        self.__dict__.setdefault("_terms", {})
         return self
 
     @property
@@ -104,7 +105,6 @@ class Interval:
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
     wider: FloatArray | float = 0.0  # (ndim,), by how much boxes of what is reachable are widened
-    _known: dict[Any, Velocities] = field(default_factory=dict, init=False)  # of some times, for all steps to go
 
     @property
     def end(self) -> float:
@@ -214,11 +214,11 @@ class Interval:
         state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
         """
         if self.dynamics.stateless:
-            return self._alike
+            return self._alike.copy()  # compiled look-ups take it in place of what they write
         found = (self.ahead_formula or self._ahead)(states, self.begin)
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
-    @cached_property
+    @kept
     def _alike(self) -> FloatArray:
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
@@ -264,7 +264,7 @@ class Interval:
         each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
         return np.stack(each, axis=1)
 
-    @cached_property
+    @kept
     def _always(self) -> FloatArray:
         return self.extremes(self.begin)
 
@@ -307,7 +307,7 @@ class Interval:
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
         return list(least), list(greatest)
 
-    @cached_property
+    @kept
     def speeds(self) -> FloatArray:
         """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
@@ -335,19 +335,7 @@ class Interval:
         boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
         (the moving frame).
         """
-        t = self.begin if t is None else t
-        key = j, tuple(axes), t, drift
-        if key not in self._known:
-            found = self._velocities(j, list(axes), t, drift)
-            if not self.dynamics.timed or found.nbytes * KNOWN_AT_MOST > KNOWN_BYTES:
-                return found  # the games keep what is the same at all times
-            if len(self._known) >= KNOWN_AT_MOST:
-                self._known.clear()
-            self._known[key] = found if found.coupled else found.kept()
-        return self._known[key]
-
-    def _velocities(self, j: int, axes: list[int], t: float, drift: bool) -> Velocities:
-        dynamics = self.dynamics
+        dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
             nothing = np.zeros((1, self.grid.ndim))
             f = dynamics.drift_at(nothing, j, t)[:, axes] * drift
@@ -423,14 +411,3 @@ class Interval:
         sampled = np.moveaxis(sampled, [2 + place for place in outside], range(len(outside)))
         sampled = sampled.reshape(-1, *sampled.shape[len(outside) :])
         return sampled[:, :, 0], sampled[:, :, 1:]
-
-    def velocity_field(
-        self, j: int, axes: Sequence[int], *, drift: bool = True
-    ) -> Velocities | Callable[[float], Velocities]:
-        """The velocity set as `schemes.evolve` reads it: itself or, where it depends on time, as a function of tau.
-
-        tau is counted back from the interval's end.
-        """
-        if self.dynamics.timed:
-            return lambda tau: self.velocities(j, axes, self.end - tau, drift=drift)
-        return self.velocities(j, axes, drift=drift)

@@ -18,8 +18,8 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import MOST_TABLES, Lookup
-from sdhj.formulas.text import written
-from sdhj.kernels import FloatArray
+from sdhj.formulas.text import FORMAT, written
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.dynamics import Dynamics, VectorField
@@ -35,15 +35,17 @@ FOREVER = 1000  # steps at most for a problem without a number of steps
 MOST_SAMPLED = 1_000_000  # steps of a problem
 SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 AROUND = 6  # nodes on each side that `closed` depends on
+# Shares of the largest value at the corners of the grid (`_size`):
 HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
-ON_BOUNDARY = 1e-30  # below 0, at a node where a function is 0: negative in single precision, negligible as a distance
+ON_BOUNDARY = 2.0**-90  # below 0, at a node where a function is 0: negative in single precision, negligible
 FINE = 4  # parts of a cell's edge, in the search for the least value in the cell
 COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
 SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
-EXCUSED = 1e-9  # that is no difference, relative to the values or absolute below one
+EXCUSED = 1e-9  # of the values: that is no difference
 VALUES_KEPT = 1000  # values of a black box that a file keeps
 BOX_STEPS = 4  # times among them
 TERMS = 60  # of an exponential series
+TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # in a file
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
 
 
@@ -63,6 +65,7 @@ class ReachAvoidProblem:
     steps : int, or None
         N, the number of sampling intervals. None: as many as it takes until one more changes nothing, to reach the
         target eventually or to stay safe for ever; nothing may then depend on time. The table's problem has the number.
+        Where anything depends on time there are N (N + 1) / 2 tubes instead of N: `sdhj.estimate` says what that costs.
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
         times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
@@ -117,7 +120,7 @@ class ReachAvoidProblem:
         ndim = self.grid.ndim
         if isinstance(given := self.dynamics, Dynamics):
             object.__setattr__(self, "dynamics", given.read(ndim))
-            given.compare(self.dynamics, _states(self.grid), self.delta)
+            given.compare(self.dynamics, _states(self.grid), _times(self))
         if self.dynamics.ndim != ndim:
             raise ValueError(f"the dynamics are of {self.dynamics.ndim} coordinates, and the grid has {ndim} axes")
         parts: list[TargetSet | UnsafeSet] = [self.target, *self.unsafe]
@@ -198,7 +201,7 @@ class ReachAvoidProblem:
         """Earliest start and latest end of the input of step k, s, including jitter."""
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
-    @cached_property
+    @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
@@ -277,7 +280,7 @@ class ReachAvoidProblem:
         known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
         values = known.get(key)
         if values is None:
-            values = self._sampled(part, lambda points: part.level_set(points, t))
+            values = read_only(self._sampled(part, lambda points: part.level_set(points, t)))
         if not part.moving:
             known[key] = self._static[key] = values
         return values
@@ -294,18 +297,18 @@ class ReachAvoidProblem:
 
     def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """An unsafe set's function at the nodes, made `closed`, according to its `sampling`."""
-        grid = self.grid.subgrid(part.axes)
+        grid, size = self.grid.subgrid(part.axes), _size(self.grid.subgrid(part.axes), function)
         if part.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
             values = least_in_cells(whole, lambda points: _checked(function, points, part.name))
             values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
             values = _sampled_on(grid, function, part.name)
-            if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR)).any():
+            if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR * size)).any():
                 more, middle = _with_nodes_around(grid)
-                values = closed(more, _sampled_on(more, function, part.name))[middle]
+                values = closed(more, _sampled_on(more, function, part.name), size)[middle]
             else:
-                values = closed(grid, values)
+                values = closed(grid, values, size)
         return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
 
     def goal(self, step: int) -> FloatArray:
@@ -388,14 +391,14 @@ class ReachAvoidProblem:
             named |= {f"unsafe {place}": part.level_set, f"swept {place}": part.swept}
         return {name: part for name, part in named.items() if part is not None}
 
-    @cached_property
+    @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
         """The formulas as lines, by name, and the tables that they look up."""
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
-    @cached_property
+    @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
         sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
@@ -412,16 +415,40 @@ class ReachAvoidProblem:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything the solver reads, hexadecimal: two problems with one digest have one table."""
-        texts, tables = self.texts
-        boxes = {name: blackbox_values(self, name).tolist() for name in self.opaque}
-        numbers = self.numbers | {"grid": self.numbers["grid"] | {"names": ""}}  # labels do not count
-        if self.sensing:
-            error = np.broadcast_to(self.sensing.error, self.grid.ndim).tolist()
-            numbers["sensing"] = numbers["sensing"] | {"error": error}
-        numbers["sets"] = [one | {"name": ""} for one in numbers["sets"]]
-        whole = json.dumps([numbers, texts, [one.digest for one in tables], boxes], sort_keys=True)
-        return hashlib.sha256(whole.encode()).hexdigest()
+        """SHA-256 of everything that a table depends on, and all names, hexadecimal (`digest_of`)."""
+        return digest_of(described(self), arrays_of(self))
+
+
+def described(problem: ReachAvoidProblem) -> dict[str, Any]:
+    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
+    functions = {}
+    for name, lines in problem.texts[0].items():
+        one: Any = problem.functions[name]
+        functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
+    formulas = {"format": FORMAT, "functions": functions, "opaque": problem.opaque}
+    return problem.numbers | {"problem": problem.name, "formulas": formulas}
+
+
+def arrays_of(problem: ReachAvoidProblem) -> dict[str, FloatArray]:
+    """The arrays that belong to a description, by the names that a file gives them."""
+    tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
+    return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
+
+
+def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256, hexadecimal, of what the head of a file says of a problem, names included, and of its arrays.
+
+    The error of measurements may be stated once for all axes. Two problems with one digest have one table.
+    """
+    said: dict[str, Any] = {name: told[name] for name in TOLD}
+    if "error" in said["sensing"]:
+        error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
+        said["sensing"] = said["sensing"] | {"error": error}
+    held = {}
+    for name, values in arrays.items():
+        numbers: Any = np.ascontiguousarray(values, "<f8")
+        held[name] = [list(values.shape), hashlib.sha256(numbers).hexdigest()]
+    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
 
 
 def _sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
@@ -538,7 +565,18 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
     return out
 
 
-def closed(grid: Grid, values: FloatArray) -> FloatArray:
+def _size(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
+    """The largest value of a level-set function at the corners of a grid, of a window that of the whole grid.
+
+    What counts as rounding is relative to it, so that neither the unit nor the cut of the grid makes a difference. 1
+    where they all are 0 or undefined.
+    """
+    ends = [whole.nodes(axis)[[0, -1]] for whole in [getattr(grid, "whole", grid)] for axis in range(grid.ndim)]
+    corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
+    return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
+
+
+def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed.
 
     A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
@@ -550,9 +588,9 @@ def closed(grid: Grid, values: FloatArray) -> FloatArray:
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
     near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
-    flat = (level >= -HAIR) & ~np.any([one < level for one in near], axis=0)
+    flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
     rim = flat & np.any([one > 0.0 for one in near], axis=0)
-    out = np.where(values == 0.0, -ON_BOUNDARY, values)
+    out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
     if not rim.any():
         return out
     at, depth, fallen = tuple(index[rim] for index in inside), out[inside][rim], np.zeros(np.count_nonzero(rim))
@@ -599,18 +637,42 @@ def _with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """For each node, a lower bound on a level-set function in all cells that touch it, shape `grid.shape`.
 
-    This is the least value on a lattice of `FINE` parts per cell, less the function's change in half a part along each
-    axis. The set of the interpolated bounds contains the true set.
+    It is the least, over the points z of a lattice of `FINE` parts per cell, of
+
+        f(z) - 1/2 sum over the axes of the largest |f(z') - f(z'')|,
+
+    with z' and z'' neighbours along the axis, both at most one part from z: so a steep function far away costs nothing.
+    The set of the interpolated bounds contains the true set. The lattice has points at both ends of a periodic axis, as
+    a function that is not periodic jumps between the two and not before them.
     """
-    shape = [n * FINE if p else (n - 1) * FINE + 1 for n, p in zip(grid.shape, grid.periodic, strict=True)]
-    fine = Grid(grid.lower, grid.upper, shape, grid.periodic)
-    values = np.asarray(function(fine.points()), dtype=np.float64).reshape(shape)
-    values = values - sum(_steepest(fine, values, axis) for axis in range(grid.ndim)) / 2
-    for axis, (n, periodic) in enumerate(zip(shape, grid.periodic, strict=True)):
-        at = np.arange(0, n, FINE)[:, None] + np.arange(-FINE, FINE + 1)
-        at = at % n if periodic else np.clip(at, 0, n - 1)
-        values = np.minimum.reduce([values.take(column, axis) for column in at.T])
-    return values
+    lines = [
+        np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
+        for low, high, n, periodic in zip(grid.lower, grid.upper, grid.shape, grid.periodic, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
+    values = np.asarray(function(points), dtype=np.float64).reshape([len(line) for line in lines])
+    values = values - sum(_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
+    for axis, periodic in enumerate(grid.periodic):
+        parts = values.shape[axis] - 1
+        around = np.clip(np.arange(0, parts + 1, FINE) + np.arange(-FINE, FINE + 1)[:, None], 0, parts)
+        values = np.minimum.reduce([values.take(places, axis) for places in around])
+        if periodic:  # its two ends are one node
+            first, last = values.take([0], axis), values.take([-1], axis)
+            values = np.concatenate([np.minimum(first, last), values.take(range(1, grid.shape[axis]), axis)], axis)
+    return np.where(values == 0.0, -ON_BOUNDARY, values)
+
+
+def _change_nearby(values: FloatArray, axis: int) -> FloatArray:
+    """For each point of a lattice the largest change between neighbours along an axis, both at most one point away."""
+    change = np.abs(np.diff(values, axis=axis))
+    change = np.maximum(
+        change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)
+    )
+    for other in set(range(values.ndim)) - {axis}:
+        last = values.shape[other] - 1
+        shifted = (np.clip(np.arange(last + 1) + by, 0, last) for by in (-1, 0, 1))
+        change = np.maximum.reduce([change.take(places, other) for places in shifted])
+    return np.asarray(change)
 
 
 def blackbox_values(problem: "ReachAvoidProblem", name: str) -> FloatArray:
@@ -633,18 +695,26 @@ def _states(grid: Grid) -> FloatArray:
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
-        inside = [0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
         kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
         states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
     return grid.wrapped(states)
 
 
+def _times(problem: "ReachAvoidProblem") -> list[float]:
+    """Times at which functions are compared, from the first to after the last; numbers, as the time is."""
+    return [share * problem.delta for share in (0.0, 0.7)] + [
+        share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
+    ]
+
+
 def _compare_set(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet") -> None:
     """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
-    states, delta = _states(problem.grid.subgrid(part.axes)), problem.delta
-    for formula, times in ((part.level_set, [(0.0,), (0.7 * delta,)]), (getattr(part, "swept", None), [(0.0, delta)])):
+    states, times = _states(problem.grid.subgrid(part.axes)), _times(problem)
+    spans = [(t, t + problem.delta) for t in times]
+    for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula) and formula.source is not None:
-            for when in times:
+            for when in each:
                 compare(formula, formula.source, states, *when)
             object.__setattr__(formula, "source", None)
 
@@ -659,7 +729,7 @@ def _check_swept(problem: "ReachAvoidProblem", part: "UnsafeSet") -> None:
         swept = part.swept(points, t0, t1)
         for t in (t0 + INSTANTS * lasting).tolist():
             excess = swept - part.level_set(points, t)
-            if excess.max() > EXCUSED * (1.0 + float(np.abs(swept).max())):
+            if excess.max() > EXCUSED * float(np.abs(swept).max()):
                 worst = points[int(excess.argmax())].tolist()
                 raise ValueError(
                     f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "

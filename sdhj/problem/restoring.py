@@ -2,32 +2,18 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula, restored
-from sdhj.formulas.text import FORMAT, alike
+from sdhj.formulas.text import CLOSE, FORMAT, alike
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.problem import LAYOUT, ReachAvoidProblem, blackbox_values
+from sdhj.problem.problem import arrays_of as arrays_of
+from sdhj.problem.problem import described as described
 from sdhj.problem.sets import TargetSet, UnsafeSet
-
-
-def described(problem: ReachAvoidProblem) -> dict[str, Any]:
-    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
-    functions = {}
-    for name, lines in problem.texts[0].items():
-        one: Any = problem.functions[name]
-        functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
-    return problem.numbers | {"formulas": {"format": FORMAT, "functions": functions, "opaque": problem.opaque}}
-
-
-def arrays_of(problem: ReachAvoidProblem) -> dict[str, FloatArray]:
-    """The arrays that belong to a description, by the names that a file gives them."""
-    tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
-    return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
@@ -90,14 +76,14 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """How a problem differs from what a file describes, by more than the rounding of another machine; "" if not at all.
 
-    Structures of formulas must be equal, constants agree to 1e-12 (`sdhj.formulas.text.alike`). Labels do not count.
+    Structures of formulas and all names must be equal, constants agree to 1e-12 of them (`sdhj.formulas.text.alike`),
+    inputs and values of black boxes to 1e-12 of the largest.
     """
-    near = partial(np.allclose, rtol=1e-12, atol=1e-12)
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time", "sensing")}
-    pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT if n != "names"}
-    pairs["sets"] = ([one | {"name": ""} for one in sets] for sets in (head["sets"], problem.numbers["sets"]))
+    pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
+    pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
-    if head["inputs"].shape != problem.inputs.shape or not near(head["inputs"], problem.inputs):
+    if not near(head["inputs"], problem.inputs):
         found.append(f"inputs are {head['inputs'].tolist()} there and {problem.inputs.tolist()} here")
     if (opaque := sorted(head["formulas"]["opaque"])) != sorted(problem.opaque):
         found.append(f"its black boxes are {opaque} there and {sorted(problem.opaque)} here")
@@ -109,6 +95,12 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
             found.append(f"the formula of {name} is another")
     for name in problem.opaque:
         kept, values = arrays.get(f"opaque/{name}", np.empty(0)), blackbox_values(problem, name)
-        if kept.shape != values.shape or not near(kept, values):
+        if not near(kept, values):
             found.append(f"the values of {name} differ by more than rounding")
     return "; ".join(found)
+
+
+def near(one: FloatArray, other: FloatArray) -> bool:
+    """Whether arrays agree to `CLOSE` of the largest number of their column."""
+    most = np.abs(other).max(axis=0, initial=0.0)
+    return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())

@@ -23,7 +23,7 @@ VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = 10.0  # factor inside sets of sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
-LARGEST = 1e9  # level-set value: beyond it, differences in single precision are only rounding, and overflow is near
+LARGEST = 1e15  # level-set value: beyond it squares of differences overflow in single precision
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class UnsafeSet:
     axes : sequence of int
         The axes of the grid that the function depends on, numbered from 0, ascending. The fewer, the faster the solve.
     level_set : callable (points (M, len(axes)), t) -> (M,)
-        Takes coordinates on these axes and the time in s. Values <= 0 in the set at time t, its boundary included, and
+        Takes coordinates on these axes, whatever this first parameter is called (but not t, u or v), and the time in
+        s. Values <= 0 in the set at time t, its boundary included, and
         > 0 outside; ideally the signed distance to the set. A function that is 0 in the whole set also works if it
         grows like a distance outside.
     swept : callable (points, t0, t1) -> (M,), optional

@@ -17,6 +17,9 @@ from sdhj.problem.sets import UnsafeSet
 from sdhj.table.batches import Table
 
 SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of each, collisions are checked at its end
+TURNS = 5  # of an interval: how often the greedy adversary decides
+STRIDES = 3  # in which it looks ahead
+RECKLESS = 5  # intervals for which a reckless commander looks ahead, twice in each
 
 
 @dataclass(frozen=True)
@@ -162,6 +165,51 @@ def worst(moment: Moment) -> FloatArray:
     return at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
 
 
+def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
+    """How far states (M, ndim) are from what they must not touch, (M,): unsafe sets by their level, unsafe ends.
+
+    +inf past a safe end, where nothing matters any longer.
+    """
+    grid = problem.grid
+    low, high = grid.faces("unsafe")
+    ends = np.minimum(states - low, high - states).min(axis=1)
+    found = np.minimum(problem.unsafe_value(grid.clipped(states, "safe"), t), ends)
+    return np.where(grid.beyond(states, "safe"), np.inf, found)
+
+
+def greedy(moment: Moment) -> FloatArray:
+    """v is the vertex of its box that, held until the interval's end, comes nearest to what must not be touched.
+
+    It decides five times in an interval, by following each vertex; of equals it takes the first.
+    """
+    if moment.substep % (SUBSTEPS // TURNS):
+        return np.clip(moment.previous, -moment.bounds, moment.bounds)
+    signs, count = at_vertices(np.zeros(moment.bounds.shape[1]), np.eye(moment.bounds.shape[1])), len(moment.states)
+    held, ahead = np.tile(moment.inputs, len(signs)), np.tile(moment.states, (len(signs), 1))
+    v, least = np.concatenate([sign * moment.bounds for sign in signs]), np.full(len(held), np.inf)
+    h = moment.remaining / STRIDES
+    for stride in range(STRIDES):
+        t = moment.time + stride * h
+        ahead = moment.interval.advance(ahead, held, v, t, h)
+        least = np.minimum(least, level_of_unsafe(moment.problem, ahead, t + h))
+    return signs[least.reshape(len(signs), count).argmin(axis=0)] * moment.bounds
+
+
+def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> FloatArray:
+    """The inputs (M,) of a commander who drives at what must not be touched: that which comes nearest to it.
+
+    Each is held for five intervals, without a disturbance.
+    """
+    count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
+    held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
+    still, least = np.zeros((len(held), problem.dynamics.adversaries)), np.full(len(held), np.inf)
+    for half in range(2 * RECKLESS):
+        t = problem.time(step) + half * problem.delta / 2
+        ahead = interval.advance(ahead, held, still, t, problem.delta / 2)
+        least = np.minimum(least, level_of_unsafe(problem, ahead, t + problem.delta / 2))
+    return least.reshape(inputs, count).argmin(axis=0)
+
+
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
     """value +- each of D changes of its shape, in all combinations: (2^D, ...)."""
     out = value[None]
@@ -170,4 +218,10 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
     return out
 
 
-ADVERSARIES: dict[str, Adversary] = {"none": none, "random": random, "aggressive": aggressive, "worst": worst}
+ADVERSARIES: dict[str, Adversary] = {
+    "none": none,
+    "random": random,
+    "aggressive": aggressive,
+    "worst": worst,
+    "greedy": greedy,
+}

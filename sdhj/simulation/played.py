@@ -10,20 +10,23 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
-from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment
+from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
+from sdhj.solver.gaps import gaps
 from sdhj.solver.resolution import ResolutionWarning
-from sdhj.table.batches import Table
+from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
 
 ALARMING = 0.02  # a solve warns where, with 95 % confidence, more than this share of the runs is lost
 FEWEST_PLAYED, MOST_PLAYED = 200, 1000  # runs at the end of a solve
 SHARE_PLAYED = 0.03  # the runs take this share of the solve's time, estimated by the two costs below
 NODE_COST, RUN_COST = 3e-9, 1.3e-4  # s for a node of a PDE, and for a step of a run
-EVER = 30  # steps of a run at the end of a solve without a number of steps
+EVER = 60  # steps of a run at the end of a solve without a number of steps
+FILTERED = 20_000  # states ahead for which a commander looks at what comes nearest, and so many runs behind the filter
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
+EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
 
@@ -49,11 +52,24 @@ class Played:
         return message + (f": {ways}. {self.advice}" if self.lost else "")
 
 
+class Commanded(Controller):
+    """A controller that answers with what the filter makes of a reckless commander."""
+
+    def choose(self, batch: Batch) -> FloatArray:
+        return np.asarray(
+            self.filter(batch.states, batch.step, reckless(self.problem, batch.states, batch.step)).inputs
+        )
+
+
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
     """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help: `Table.played`."""
-    controller, play = Controller(table), adversary_of(adversary)
+    return _played(Controller(table), runs, adversary, seed, steps)
+
+
+def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
+    table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
@@ -70,7 +86,8 @@ def played(
         message[outcome] + places.get(run, "something") if outcome in message else str(OUTCOMES[outcome])
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), _advice(table, ways) if ways else "")
+    advice = _advice(table, ways, runs) if ways else ""
+    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), advice)
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
@@ -83,9 +100,16 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 
-def _advice(table: Table, ways: Mapping[str, int]) -> str:
+def _gaps(table: Table) -> str:
+    """Whether the grid may have filled gaps between pieces of its tubes, and what helps: see `sdhj.solver.gaps`."""
+    return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
+
+
+def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
     """What would reduce the losses, in a sentence or two."""
     problem, grid, said = table.problem, table.grid, []
+    if sum(ways.values()) >= ALARMING * runs and (apart := _gaps(table)):
+        return f'{apart}; or method="certified", which proves what it promises'
     blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
     if blunt and not problem.dynamics.stateless:
         said.append(f'sampling="steep" of {", ".join(blunt)}')
@@ -117,16 +141,35 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
+    if stays:
+        return _judged_for_ever(table, runs, stacklevel + 1)
+    runs = MOST_PLAYED if (apart := _gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
         again = moment.substep % DECIDES == 0
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
-    found = played(table, runs, play if table.problem.sensing else worst, steps=EVER if stays else None)
-    if found.interval[0] > ALARMING:
+    found = played(table, runs, play if table.problem.sensing else worst)
+    if found.interval[0] > ALARMING or (apart and found.lost >= ALARMING * found.runs):
         warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
     return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}
+
+
+def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]:
+    """As `judged_at_the_end`, for ever: a greedy adversary against the controller, and against the filter.
+
+    Behind the filter stands a commander who drives at what must not be touched.
+    """
+    few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
+    alone = _played(Controller(table), runs, "greedy", 0, EVER)
+    behind = _played(Commanded(table), few, "greedy", 1, EVER)
+    where = "of what this table promises for ever", "behind its filter, from a commander who drives at what is unsafe,"
+    for found, told in zip((alone, behind), where, strict=True):
+        if found.interval[0] > ALARMING:
+            warnings.warn(f"{told} {found}", ResolutionWarning, stacklevel=stacklevel + 1)
+    ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in behind.ways.items()}
+    return {"played": {"runs": alone.runs + behind.runs, "lost": alone.lost + behind.lost, "ways": ways}}
 
 
 def _emptied(table: Table, share: float) -> str:
@@ -134,7 +177,7 @@ def _emptied(table: Table, share: float) -> str:
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.stays else ", no more than the target itself" if share else ""
-    states = grid.points()[:: max(grid.size // 20_000, 1)]
+    states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (EMPTIED_STATES, grid.ndim))
     clear = problem.unsafe_value(states, problem.time(0)) > 0
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
 from sdhj.problem.memory import require
@@ -69,6 +69,9 @@ class Trajectory:
     steps_to_go: FloatArray
     disturbances: FloatArray
     outcome: str
+
+    def __post_init__(self) -> None:
+        read_only((self.times, self.states, self.inputs, self.steps_to_go, self.disturbances))
 
     @property
     def samples(self) -> FloatArray:
@@ -121,6 +124,9 @@ class Report:
     seconds: float
     stays: bool = False
 
+    def __post_init__(self) -> None:
+        read_only((self.starts, self.outcomes, self.steps))
+
     def rate(self, outcome: str) -> float:
         """The share of the runs that had this outcome."""
         return self.counts[outcome] / self.runs
@@ -161,11 +167,11 @@ def simulate(
     controller : Controller
     q0 : (ndim,) array
         The true state at step 0.
-    adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+    adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
         Who chooses the D components of the disturbance, at each of 20 substeps of an interval. "worst" takes the corner
-        of its box that leads farthest out of the tube by the interval's end, "aggressive" the one that brings an unsafe
-        set nearer fastest; "random" draws one for each interval. For a function of your own see
-        `sdhj.simulation.adversaries`.
+        of its box that leads farthest out of the tube by the interval's end, "greedy" the one that comes nearest to
+        what must not be touched until then, "aggressive" the one that brings an unsafe set nearer fastest; "random"
+        draws one for each interval. For a function of your own see `sdhj.simulation.adversaries`.
     seed : int
         Of the random numbers: the same seed gives the same run.
     steps : int, optional
@@ -224,7 +230,7 @@ def monte_carlo(
     Parameters
     ----------
     controller, runs : Controller, int
-    adversary : {"worst", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+    adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
         As for `simulate`, for M runs at once. One of your own is called from one thread only.
     seed : int
         The same seed gives the same report, whatever the number of threads.

@@ -7,6 +7,7 @@ extends past the ends, as far as one interval can lead; there the dynamics are t
 
 import warnings
 from collections.abc import Callable
+from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -62,10 +63,12 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
         tubes = np.empty((often, count, *(problem.grid.shape[axis] for axis in kept)), games.dtype)
         if not alike:
             tubes.fill(-np.inf)
-        for number, danger in enumerate(alike):
-            playing = games if danger.problem is problem else make(danger.problem)
-            at = [kept.index(i) for i in danger.axes]
-            for step in range(often):
+        # a step at a time, at which games that are played on one grid share velocities that depend on time
+        for _, together in groupby(enumerate(alike), key=lambda one: id(one[1].problem)):
+            some = list(together)
+            playing = games if some[0][1].problem is problem else make(some[0][1].problem)
+            for step, (number, danger) in product(range(often), some):
+                at = [kept.index(i) for i in danger.axes]
                 found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
@@ -82,7 +85,7 @@ def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], 
         made.append(np.ascontiguousarray(tubes[(slice(None), slice(None), *inner)]))
     for part in problem.unsafe:
         if id(part) not in felt:
-            warnings.warn(never_felt(part), stacklevel=5)
+            warnings.warn(never_felt(part), stacklevel=6)
     return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
 
 

@@ -22,15 +22,18 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, maxima
+from sdhj.problem.boxes import Maxima, maxima, operations, out_of_danger
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import INSTANTS, Velocities
+from sdhj.problem.interval import INSTANTS, Interval, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import (
+    STAGES,
     Scheme,
     Scratch,
+    arranged_bytes,
     checked_travel,
     evolve,
     evolve_each,
@@ -40,7 +43,11 @@ from sdhj.solver.schemes import (
 )
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
+PIECES_COUNTED = 5  # pieces of an interval at which it is looked what they cost
+A_PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
+BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving frame: errors there fall tenfold per node
+ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
 
@@ -107,6 +114,18 @@ def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[P
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
 
 
+def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
+    """By how many nodes the moving frame goes past the ends of some axes: none but where the drift meets them.
+
+    As far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift leads.
+    """
+    grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
+    farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
+    cells = farthest / grid.spacing
+    meets = drift.any(axis=0) & ~np.array(grid.periodic)
+    return tuple(int(np.ceil(cells[axis])) + BEYOND if meets[axis] else 0 for axis in axes)
+
+
 @dataclass(frozen=True)
 class Wall:
     """-g of an unsafe set on the subgrid of some axes.
@@ -132,7 +151,13 @@ class Wall:
         """
         instant = part.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
-        return cls(axes, lambda t0, t1: -problem.unsafe_over(part, t0, t1, axes=axes, view_time=view_time), instant)
+        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in part.axes]
+
+        def over(t0: float, t1: float) -> FloatArray:  # on the set's own axes in memory, of which there may be fewer
+            values = -problem.unsafe_over(part, t0, t1, view_time=view_time)
+            return np.broadcast_to(grid.lift(values, places), grid.shape)
+
+        return cls(axes, over, instant)
 
 
 class _OnAxes:
@@ -146,6 +171,7 @@ class _OnAxes:
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
+        self.crossed = 0.0
         self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
@@ -154,6 +180,13 @@ class _OnAxes:
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `reach`, of some inputs after one another at a time."""
+        raise NotImplementedError
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """What all inputs take together by a model, `sdhj.problem.cost`: of a reach game, or with a wall an avoid game.
+
+        `crossed` is then at least how many cells the state crosses in the interval.
+        """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
@@ -186,46 +219,114 @@ class _OnAxes:
 class HJIGames(_OnAxes):
     """Games 1 to 3 of App. A.3 by finite differences."""
 
+    joint = False
+
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
         super().__init__(problem, axes)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
         # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
         self.counted: Mapping[Axes, Sequence[int]] = {}
-        self._fields: dict[tuple[int, Axes, bool], Velocities] = {}
-        self._room = KEPT
+        self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
+        self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
-            drift = problem.dynamics.arrays[0][:, self.axes]
-            checked_travel(self.grid, np.abs(drift).max(axis=0), self.duration)
+            checked_travel(self.grid, np.abs(self.drift).max(axis=0), self.duration)
+
+    @property
+    def drift(self) -> FloatArray:
+        """The velocity under each input along these axes, where it is constant; (L, axes)."""
+        return self.problem.dynamics.arrays[0][:, self.axes]
+
+    @property
+    def push(self) -> FloatArray:
+        """What each component of the disturbance adds to it at most, where that is constant; (axes, D)."""
+        _, gain, bounds = self.problem.dynamics.arrays
+        return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift, because it is constant and along periodic axes only."""
-        dynamics, periodic = self.problem.dynamics, np.array(self.grid.periodic)
-        if self.scheme.frame == "fixed" or not dynamics.constant:
+        """Whether the drift can be solved by a shift: it is constant, and a wall does no more than end the shift.
+
+        A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
+        it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
+        Elsewhere a state that has slid along the wall and left it again is displaced otherwise.
+        """
+        if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
-        return not np.any(dynamics.arrays[0][:, self.axes][:, ~periodic])
+        wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
+        several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
+        coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
+        return not (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0))).any()
+
+    @property
+    def shifted(self) -> bool:
+        """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
+        return self.moving_frame and not self.early
+
+    @cached_property
+    def around(self) -> tuple[Grid, tuple[int, ...]]:
+        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
+
+        Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
+        unsafe one it cannot come, which the avoid games see to.
+        """
+        past = past_ends(self.problem, self.axes)
+        return self.grid.continued(past) if any(past) else self.grid, past
 
     def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
-        if self.moving_frame and not self.early:  # else each end that it may have is another shift
-            still = self._evolve(values, 0, step, drift=False)
-            shift = self.problem.dynamics.arrays[0][:, self.axes] * self.duration
-            yield from maxima(self.grid, still, shift, shift, SHIFT, self.wanted_on(self.axes))
+        wanted = self.wanted_on(self.axes)
+        if self.shifted:
+            yield from self._shifts(values, step)
+        elif groups := self.groups(self.axes):
+            self.solved += self.count
+            phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
+            yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
-            wanted, groups = self.wanted_on(self.axes), self.groups(self.axes)
-            if groups:
-                self.solved += self.count
-                phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
-                yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
-                return
             yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
 
-    def _evolve(self, values: FloatArray, j: int, step: int, drift: bool = True) -> FloatArray:
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
+        if wall and self.by_formula(axes):
+            found = self.formula.operations(axes, step, wall)
+            self.crossed = max(self.crossed, self.formula.crossed)
+            return found
+        moving, timed = self.shifted and not wall, self.problem.dynamics.timed
+        grid = self.around[0] if moving else self.problem.grid.subgrid(axes)
+        begin = self.problem.interval(step).begin
+        if wall or timed or (self.joint and not moving):
+            steps = [self.steps(axes, step)] * self.count
+        else:
+            fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
+            known = None if moving else self.counted.get(axes)
+            steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
+        together = grid.size < FEW and not (self.early or timed or (self.joint and not wall))
+        calls = sum(set(steps)) if together else sum(steps)
+        self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
+        more = 0.0
+        if moving:
+            shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
+            more = operations(grid, shift, shift)
+        if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
+            more += 2 * grid.ndim * sum(steps) * grid.size
+        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
+
+    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+        (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
+        if any(past):
+            values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
+            inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
+            wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         self.solved += 1
-        velocities = self.velocities(j, self.axes, step, drift)
+        still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
+        yield from maxima(grid, still, shift, shift, SHIFT, wanted)
+
+    def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
+        self.solved += 1
+        velocities = self.velocities(j, self.axes, step)
         known = self.counted.get(self.axes)
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
         return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
@@ -251,9 +352,11 @@ class HJIGames(_OnAxes):
 
         Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
         the moving frame, and if each component of the disturbance moves one axis only: for others it would use the
-        bounding box of the velocities, and would not converge.
+        bounding box of the velocities, and would not converge. Where the state drifts along bounded axes it takes more
+        pieces of the interval than differences take time steps, and would cost twice as much.
         """
-        return self.moving_frame and not self.problem.dynamics.couples(axes)
+        along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
+        return along and not self.problem.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
@@ -303,24 +406,34 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """`Interval.velocity_field`, cached, up to `KEPT` bytes, if it does not depend on time."""
-        key = (j, axes, drift)
-        if key in self._fields:
-            return self._fields[key]
-        field = self.problem.interval(step).velocity_field(j, axes, drift=drift)
-        if callable(field):
-            return lambda tau: self._stable(field(tau), axes, step)
-        laid_out = 0 if field.coupled else 8 * len(axes) * self.problem.grid.subgrid(axes).size  # for the kernels
-        if field.nbytes + laid_out <= self._room:
-            self._fields[key] = field if field.coupled else field.kept()
-            self._room -= field.nbytes + laid_out
-        return field
+        """The velocity set of a step as `evolve` reads it: itself or, if it depends on time, as a function of tau.
 
-    def _stable(self, velocities: Velocities, axes: Axes, step: int) -> Velocities:
-        """The same velocities, or ValueError if the time steps of the interval are too long for them."""
-        if velocities.steps(self.problem.grid.subgrid(axes), self.duration / self.steps(axes, step), 1.0) > 1:
-            raise too_restless(self.duration)
-        return velocities
+        tau is counted back from the interval's end. Up to `KEPT` bytes are kept, of one interval at a time where they
+        depend on time: a row of the recursion asks for the same times once for each number of steps to go.
+        """
+        interval = self.problem.interval(step)
+        if not self.problem.dynamics.timed:
+            return self._field(j, axes, step, interval.begin, drift)
+        if interval.begin != self._begun:
+            self._fields.clear()
+            self._room, self._begun = KEPT, interval.begin
+        return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
+
+    def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
+        """The velocity set at a time, kept with what the kernels read of it as long as there is room.
+
+        ValueError if the time steps of the interval are too long for it, because it changes too fast within.
+        """
+        if (key := (j, axes, drift, t)) not in self._fields:
+            field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
+            own = self.problem.grid.subgrid(axes)
+            if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
+                raise too_restless(self.duration)
+            laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
+            if (room := self._room - field.nbytes - laid_out) < 0:
+                return field
+            self._fields[key], self._room = field if field.coupled else field.kept(), room
+        return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
         """Number of time steps of an interval that is enough for every input."""
@@ -344,9 +457,17 @@ class JointGames(HJIGames):
 
     joint = True
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+    @property
+    def shifted(self) -> bool:
+        """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
+        return super().shifted and not self.problem.unsafe
+
+    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.grid
+        if self.shifted:
+            yield from self._shifts(values, step)
+            return
         steps = self.steps(self.axes, step)
         walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
         unsafe = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
@@ -378,6 +499,7 @@ class HopfLaxGames(_OnAxes):
     """
 
     solved = 0  # a formula in place of PDEs
+    shifted = True  # as `HJIGames.shifted`
 
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
@@ -428,10 +550,25 @@ class HopfLaxGames(_OnAxes):
         whole = None if wall.instant else wall.over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            ends = self.duration * np.linspace(piece, piece + 1, 5 if problem.dynamics.timed else 2) / pieces
-            boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
-            low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+            low, high = self._around(interval, axes, piece, pieces)
             yield from maxima(grid, values.astype(self.dtype), low, high, self.interpolation, wanted)
+            tick(operations(grid, low, high) + A_PIECE)
+
+    def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> tuple[FloatArray, FloatArray]:
+        """Corners of the boxes that hold all states of a piece of the interval, by input: two (L, axes)."""
+        ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
+        boxes = np.array([interval.reached(0.0, end) for end in ends])[..., axes]
+        return boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `_OnAxes.operations`, from what some pieces of the interval take."""
+        some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
+        grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if wall else self.early / self.duration)
+        if not wall and not self.early:
+            return operations(grid, *(corner[:, some] for corner in interval.reached(0.0, self.duration))) + A_PIECE
+        looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
+        each = [operations(grid, *self._around(interval, some, piece, pieces)) for piece in looked]
+        return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from sdhj.problem.boxes import INTERPOLATIONS
-from sdhj.problem.checks import option
+from sdhj.problem.checks import Options, option
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
@@ -26,7 +26,7 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class HJI:
+class HJI(Options):
     """Method "hji": finite differences for the Hamilton-Jacobi-Isaacs equations of each interval, on the whole grid.
 
     Parameters
@@ -34,8 +34,9 @@ class HJI:
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. The joint PDE has no moving frame, because
-        obstacles would move differently in it for each input, so it is as inaccurate as `Scheme(frame="fixed")`.
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE has no
+        moving frame, because they would move differently in it for each input, so it is as inaccurate as
+        `Scheme(frame="fixed")`: it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
 
     Examples
     --------
@@ -71,7 +72,7 @@ class HJI:
 
 
 @dataclass(frozen=True)
-class HopfLax:
+class HopfLax(Options):
     """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
     Parameters

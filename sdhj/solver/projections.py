@@ -35,6 +35,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima
+from sdhj.problem.checks import Options
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
@@ -100,6 +101,7 @@ class ProjectedGames:
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
         self.free: dict[int, float] = {}
+        self.crossed = 0.0
         self.dtype = self.on(subspaces[0]).dtype
 
     @property
@@ -107,11 +109,28 @@ class ProjectedGames:
         """PDEs so far, on all subspaces."""
         return sum(games.solved for games in self._games.values())
 
+    @property
+    def shifted(self) -> bool:
+        """As `HJIGames.shifted`, on all subspaces."""
+        return all(self.on(axes).shifted for axes in self.subspaces)
+
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
         """The games on the subspace of some axes."""
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
+
+    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
+        """As `HJIGames.operations`, on all subspaces."""
+        everything = tuple(range(self.problem.grid.ndim))
+        if not wall:
+            found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
+        elif any(set(axes) <= set(subspace) for subspace in self.subspaces):
+            found = self.on(everything).operations(axes, step, wall)
+        else:
+            found = sum(self.on(kept).operations(kept, step, wall) for kept in self._kept(axes))
+        self.crossed = max([self.crossed, *(games.crossed for games in self._games.values())])
+        return found
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
         """s_p(x) = max over the dropped coordinates of s(x, w), shape of the subgrid."""
@@ -266,7 +285,7 @@ def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
 
 
 @dataclass(frozen=True)
-class Projected:
+class Projected(Options):
     """Method "projected": games on lower-dimensional subspaces, united after back-projection (Sec. 5.1, App. A.4, A.5).
 
     The tubes lie inside those of the full method, and cost less. The target must not depend on a dropped coordinate:

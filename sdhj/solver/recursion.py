@@ -19,16 +19,20 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
+from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights
-from sdhj.solver.resolution import check_resolution
+from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
+from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
 from sdhj.table.batches import Table
-from sdhj.table.table import QUIET, SETTLED, AvoidTubes, LookupTable
+from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
+CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
+STEPS_TOLD = 1, 20, 60  # steps of which a warning says what a table has
+STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -73,6 +77,28 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: 
     )
 
 
+def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None, stacklevel: int) -> None:
+    """Warn where most of a set that is to be safe for ever was lost while its boundary crept.
+
+    shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
+    """
+    last = max(shares)
+    if creeping is None or shares[creeping] <= 2.0 * shares[last]:
+        return
+    told = [n for n in STEPS_TOLD if n < last]
+    states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
+    moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
+    so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
+    warnings.warn(
+        f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, "
+        f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a cell, and each "
+        "interval wears the set down by the scheme's error. If it is that, a longer delta or more nodes help; or give "
+        f"the problem a number of steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
+        ResolutionWarning,
+        stacklevel=stacklevel + 1,
+    )
+
+
 def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
     """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
 
@@ -105,14 +131,46 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
         return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
 
-    sampled = grid.sampling_bytes
+    sampled, dynamics = grid.sampling_bytes, problem.dynamics
     kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
-    solved = (12 + kept) * item * grid.size  # stages with their ghost nodes, shifted copies
-    if not problem.dynamics.stateless:  # the velocities of one input at a time
-        velocities = problem.interval(0).sampling_bytes
-        sampled += velocities + min(KEPT, count * velocities)
-        solved += item * grid.ndim * (3 + problem.dynamics.adversaries) * grid.size
+    # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
+    wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
+    past = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim
+    most = max(grid.continued(past).size, wide)
+    solved = (12 + kept) * item * most + item * count * wide  # stages with their ghost nodes, copies
+    if not dynamics.stateless:  # the velocities of one input at a time
+        velocities, times = problem.interval(0).sampling_bytes, 1
+        if dynamics.timed:  # of an interval at a time, at each of its time steps
+            speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
+            times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
+        sampled += velocities + min(KEPT, count * times * velocities)
+        solved += item * grid.ndim * (3 + dynamics.adversaries) * max(grid.size, wide)
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
+
+
+def cost_on_grid(
+    problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int
+) -> Cost | None:
+    """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
+
+    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
+    """
+    if not hasattr(games, "operations"):
+        return None
+    played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
+    looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
+    tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
+    for danger in dangers(played):
+        playing, own = games if danger.problem is played else make(danger.problem), danger.problem
+        each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
+        once += float(np.mean(each)) * (steps if danger.moves else 1)
+        crossed = max(crossed, playing.crossed)
+    whole = tuple(range(problem.grid.ndim))
+    each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
+    crossed = max(crossed, games.crossed)
+    check_crossing(problem, crossed, stacklevel=6)
+    why = multiplied(problem, tubes, problem.grid.size, "nodes")
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why)
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
@@ -216,10 +274,14 @@ class GridSets:
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        require(memory_needed(problem, dtype), "this solve", 'use fewer nodes, fewer steps, or dtype "float32"')
-        check_resolution(problem, stacklevel=5)
+        needed = memory_needed(problem, dtype)
+        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
+        why = multiplied(problem, number, problem.grid.size, "nodes")
+        require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
+        begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)
+        check_resolution(problem, stacklevel=5)
         tubes = avoid_tubes(problem.rimmed, games, self.games)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
@@ -228,6 +290,8 @@ class GridSets:
         self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
+        self.shares: dict[int, float] = {}  # of the state space, without a number of steps
+        self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
 
     def goal(self, step: int) -> None:
         self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
@@ -250,6 +314,7 @@ class GridSets:
             np.maximum(tube, before, out=tube)
         if endless:
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
+            self.shares[within] = table.fraction(within=within)
 
     def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
         """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
@@ -262,7 +327,10 @@ class GridSets:
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
-            return self.table.motion(step, within) <= SETTLED
+            motion = self.table.motion(step, within)
+            if self.creeping is None and motion <= CREEPING:
+                self.creeping = within
+            return motion <= SETTLED and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
         return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
 
     def share(self, step: int, within: int) -> None:
@@ -273,11 +341,13 @@ class GridSets:
         """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
         table, endless = self.table, self.problem.steps is None
         if endless:
-            share, settled = table.fraction(within=self.filled), self.shared > 0
-            motion = table.motion(0, self.filled)
+            share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)
+            settled = self.shared > 0 or motion <= SETTLED
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
                 unsettled(self.problem, self.filled, self.changing, stacklevel=3)
+            if self.problem.stays:
+                worn_down(self.problem, self.shares, self.creeping, stacklevel=3)
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
@@ -285,6 +355,7 @@ class GridSets:
             "pdes_of_algorithm": pdes,
             "pdes_solved": self.games.solved,
             "tubes_shared": self.shared,
+            "shifted": bool(getattr(self.games, "shifted", False)),
         }
         if endless:
             given_up = share - table.fraction(start=0)

@@ -7,6 +7,7 @@ not exclude a hidden part, the least value in the cell is searched for.
 """
 
 import warnings
+from collections.abc import Iterator
 from itertools import permutations, product
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -18,13 +19,18 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
 from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
-from sdhj.problem.sets import UnsafeSet
+from sdhj.problem.sets import TargetSet, UnsafeSet
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
 FOUND = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
+SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are asked
+SPANS = 50  # intervals at most in which something that moves is looked at
+IGNORED = "so the table ignores it"
+ASKED = "so whatever asks the nodes alone ignores it, as methods on the grid and pictures do"
+TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
@@ -33,7 +39,9 @@ class ResolutionWarning(UserWarning):
 
 
 def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
-    """Warn of unsafe sets that hide between nodes or are too thin, and of level-set functions that jump at the edge."""
+    """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
+    what is no function of angles (`check_seams`)."""
+    check_seams(problem, stacklevel + 1)
     for part in problem.unsafe:
         if part.sampling == "cell":
             continue
@@ -47,8 +55,111 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
                 break
 
 
-def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a part of the set between the nodes; empty if there is none."""
+def check_sets(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+    """Warn of what is wrong with sets and velocities, whatever the method does with them.
+
+    That is what `check_seams` finds, and unsafe sets that lie nowhere on the grid, or between its nodes only. Methods
+    on the grid ask `check_resolution`, and whether a node is ever in danger, instead.
+    """
+    check_seams(problem, stacklevel + 1)
+    for part in problem.unsafe:
+        times = np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist()
+        found = next(filter(None, (_hidden(problem, part, t, ASKED) for t in times)), "")
+        if message := found or _nowhere(problem, part):
+            warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+
+
+def check_seams(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+    """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
+    parts = [*([] if problem.stays else [problem.target]), *problem.unsafe]
+    found = [
+        next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), "") for part in parts
+    ]
+    found += [next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), "")]
+    for message in filter(None, found):
+        warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+
+
+def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
+    """Some times of a problem, or the first alone."""
+    count = min(problem.most_steps, SPANS) if timed else 0
+    return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
+
+
+def _seams(grid: Grid, most: int) -> "Iterator[tuple[int, FloatArray, FloatArray]]":
+    """Each periodic axis and points (M, ndim) just before its end, and where it begins anew: nodes and others."""
+    rng = np.random.default_rng(0)
+    for axis in np.flatnonzero(grid.periodic).tolist():
+        sides = [grid.nodes(k) if k != axis else np.zeros(1) for k in range(grid.ndim)]
+        few = np.prod([len(side) for side in sides]) <= most
+        nodes = (
+            np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, grid.ndim) if few else np.zeros((0, 1))
+        )
+        drawn = [rng.choice(side, most) for side in sides]
+        more = np.where(
+            rng.random((most, grid.ndim)) < 0.5,
+            np.stack(drawn, axis=1),
+            rng.uniform(grid.lower, grid.upper, (most, grid.ndim)),
+        )
+        points = np.concatenate([nodes, more]) if few else more
+        before, after = points.copy(), points
+        before[:, axis], after[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis]), grid.lower[axis]
+        yield axis, before, after
+
+
+def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> str:
+    """The warning for a set that ends with the period of an axis; empty if there is none."""
+    grid = problem.grid.subgrid(part.axes)
+    for axis, before, after in _seams(grid, SEAM):
+        first, last = part.level_set(before, t), part.level_set(after, t)
+        inside = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SEAM, grid.ndim))
+        rounding = 1e-6 * np.abs(part.level_set(inside, t)).max()
+        if np.any(((first > 0) != (last > 0)) & (np.abs(first - last) > rounding)):
+            name, what = grid.names[axis], "unsafe set" if isinstance(part, UnsafeSet) else "target"
+            return (
+                f"the {what} {part.name!r} is cut off where the periodic axis {name} ends and begins anew: its "
+                f"level-set function has to be periodic, as np.cos(r) - np.cos({name} - c) is for |{name} - c| <= r"
+            )
+    return ""
+
+
+def _turning_over(problem: "ReachAvoidProblem", t: float) -> str:
+    """The warning for velocities that jump where a periodic axis closes; empty if there is none."""
+    grid, dynamics = problem.grid, problem.dynamics
+    for axis, before, after in _seams(grid, STATES):
+        for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
+            try:
+                first, last = dynamics.extremes(before, j, t), dynamics.extremes(after, j, t)
+            except ValueError:  # undefined there: said elsewhere
+                continue
+            jump = np.abs(first - last).max(axis=1)
+            row, along = np.unravel_index(int(jump.argmax()), jump.shape)
+            if jump[row, along] > 1e-6 * max(np.abs(first).max(), np.abs(last).max()):
+                name = grid.names[axis]
+                ends = f"{first[row, :, along].mean():.3g} to {last[row, :, along].mean():.3g}"
+                return (
+                    f"the velocity along {grid.names[along]} jumps from {ends} under input {j} where the periodic axis "
+                    f"{name} ends and begins anew: it has to be periodic, as k np.sin({name}) is in place of k {name}, "
+                    "unless the robot does jump there"
+                )
+    return ""
+
+
+def _nowhere(problem: "ReachAvoidProblem", part: "UnsafeSet") -> str:
+    """The warning for an unsafe set that no node is in at any time; empty if there is one."""
+    steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if part.moving else 1).astype(int)).tolist()
+    for step in steps:
+        over = problem.unsafe_over(part, *problem.span(step)) if part.moving else problem.unsafe_at(part, 0.0)
+        if (over <= 0).any():
+            return ""
+    return (
+        f"the unsafe set {part.name!r} is nowhere on the grid, so nothing keeps clear of it: check its axes, its place "
+        "and its units, and the sign of its level-set function (negative is inside)"
+    )
+
+
+def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str = IGNORED) -> str:
+    """The warning for a part of the set between the nodes, and what follows; empty if there is none."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -84,27 +195,19 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return (
         f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
-        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, so the table ignores it. Use {use}"
+        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, {so}. Use {use}"
     )
 
 
 def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a level-set function that jumps at the set's boundary or ends with its period; else empty."""
+    """The warning for a level-set function that jumps at the set's boundary; else empty."""
     grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
-    for axis, name in enumerate(problem.grid.names[axis] for axis in part.axes):
-        if grid.periodic[axis]:
-            side = grid.points().reshape(*grid.shape, grid.ndim).take(0, axis).reshape(-1, grid.ndim)
-            side[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis])
-            before, after = part.level_set(side, t), values.take(0, axis).ravel()
-            rounding = 1e-6 * np.abs(values).max()
-            if np.any(((before > 0) != (after > 0)) & (np.abs(before - after) > rounding)):
-                return (
-                    f"the unsafe set {part.name!r} is cut off where the periodic axis {name} ends and begins anew: its "
-                    f"level-set function has to be periodic, as np.cos(r) - np.cos({name} - c) is for |{name} - c| <= r"
-                )
+    rng = np.random.default_rng(0)
+    for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
         crossing = np.flatnonzero((here > 0) != (there > 0))
-        crossing = crossing[:: crossing.size // CROSSINGS + 1]
+        if crossing.size > CROSSINGS:
+            crossing = rng.choice(crossing, CROSSINGS, replace=False)
         if crossing.size:
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
@@ -175,3 +278,14 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
             across = first / (first - left) + second / (second - right) + (first is not second)
             thickness = np.where(thin, np.maximum(across, LEAST_SHOWN), thickness)
     return thickness
+
+
+def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
+    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
+    if crossed > TURNS * sum(problem.grid.shape):
+        warnings.warn(
+            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
+            f"together have {sum(problem.grid.shape):,}; check the units of delta and of the velocities",
+            ResolutionWarning,
+            stacklevel=stacklevel + 1,
+        )

@@ -32,7 +32,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, stage
 from sdhj.problem.boxes import most_on_rim, out_of_danger
-from sdhj.problem.checks import option
+from sdhj.problem.checks import Options, option
+from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
 
@@ -55,7 +56,7 @@ OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 @dataclass(frozen=True)
-class Scheme:
+class Scheme(Options):
     """How the Hamilton-Jacobi-Isaacs equations are discretised (Sec. 5.4).
 
     Parameters
@@ -71,9 +72,10 @@ class Scheme:
         Time step as a fraction of the largest stable one, in (0, 1].
     frame : {"moving", "fixed"}
         "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
-        shifted back by interpolation; the avoid games are solved in closed form (`sdhj.solver.hopf_lax`) unless one
-        component of the disturbance moves several axes. Applies if the drift is constant and along periodic axes only.
-        "fixed", and otherwise: finite differences for everything.
+        shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
+        moves several axes, one of them with a wall, and is stronger there than the drift. If the drift is along
+        periodic axes only, and each component moves one axis, the avoid games are solved in closed form
+        (`sdhj.solver.hopf_lax`). "fixed", and otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
     Examples
@@ -183,11 +185,18 @@ def _field(
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Velocities as `stage` reads them."""
-    if (terms := vars(velocities).get("terms")) is None:
+    if (terms := vars(velocities).get("_terms")) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
         known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)
     return known[1]
+
+
+def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
+    """Bytes of a box of velocities at all nodes, as `stage` reads it, with ghost nodes."""
+    layout = layout_of(grid, scheme.order)
+    plane = (layout.rows + 2 * layout.top) * layout.width
+    return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
 
 
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
@@ -317,6 +326,7 @@ def _evolved(
         stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
+        tick(count * grid.size + CALL)
 
     if obstacle is not None:
         np.maximum(phi, wall(0.0), out=phi)

@@ -57,7 +57,7 @@ def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: F
     problem, (ints, floats) = table.problem, table.known(batch.step)
     times = floats[slice(*ints[2 * LOOK_TIMES : 2 * LOOK_TIMES + 2])]
     count, here = len(times), LOOKED if len(times) > 1 else 0  # the place of the state among the points
-    out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+    out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
     spots = spots_for(len(rows), len(problem.inputs), count, problem.grid.ndim, 1)
     slots, _, hazard, points, _, level, there = spots
     given = batch.within, batch.states, rows, (ints, floats), (ends, scores), out, spots

@@ -19,6 +19,7 @@ from sdhj.problem.checks import points_array, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.explaining import Explanation, explain_on_grid
 
 CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
@@ -45,8 +46,10 @@ class Batch(NamedTuple):
         The largest value of the next tube over all states to which the input and any disturbance can lead; <= 0 if all
         are in it. +inf for states that are not admissible, and at the last step.
     best : (M,) int array
-        The safe input of least margin; if no input is safe, the best one, without a promise. -1 for states that are not
+        The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
+    game : (M, L) array, or None
+        As the margins, of the game's value: of tables on a grid for ever, whose margins are distances.
     """
 
     states: FloatArray
@@ -56,6 +59,12 @@ class Batch(NamedTuple):
     safe: FloatArray
     margins: FloatArray
     best: FloatArray
+    game: FloatArray | None = None
+
+    @property
+    def depths(self) -> FloatArray:
+        """By which inputs are preferred, the least first: the game's value, or the margins where they are that."""
+        return self.margins if self.game is None else self.game
 
     @property
     def left(self) -> FloatArray:
@@ -97,6 +106,11 @@ class Table:
         return self.problem.grid
 
     @property
+    def game(self) -> int:
+        """Of a table on a grid that stays clear for ever the place of the game's value among the tubes; else -1."""
+        return -1
+
+    @property
     def steps(self) -> int:
         return self.problem.most_steps
 
@@ -122,6 +136,29 @@ class Table:
         """
         return PLAYER[0](self, runs, adversary, seed, steps)
 
+    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
+        """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.
+
+        Parameters
+        ----------
+        q : (ndim,)
+            The state, in the units of the grid's axes.
+        step, within : int
+            As `start` and `within` of `contains`.
+
+        Returns
+        -------
+        Explanation
+            `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
+            or by how much it may end outside the tube with one step less to go.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a number, `step` or `within` does not fit.
+        """
+        return explain_on_grid(self, q, step, within)
+
     # ---- sets
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
@@ -142,7 +179,8 @@ class Table:
         ----------
         points : (M, ndim) array
             States, in the units of the grid's axes. If the problem has a `Sensing`, these are true states when the
-            input of the step starts, one delay after the measurement, and True holds whatever has been measured.
+            input of the step starts, one delay after the measurement, and True holds whatever has been measured; of a
+            measurement ask `Controller.admissible`.
         start : int
             k, the step at which the robot is there, from 0 to N.
         within : int, optional
@@ -192,15 +230,16 @@ class Table:
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
         """As `batch`, of states that have been checked, and that nobody writes.
 
-        scores (M, L): `best` is the safe input of least score that passes, of equals that of least margin, if any does.
+        scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
         within = steps - step if problem.stays else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
-        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best)
-        scores = batch.margins if scores is None else scores
+        game = np.empty(shape) if self.game >= 0 else None
+        batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best, game)
+        scores = batch.depths if scores is None else scores
         share_out(self.grid, states, lambda rows: self._decide(batch, scores, LOOK, rows))
         if problem.stays:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
@@ -234,7 +273,7 @@ class Table:
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that `passes`, of equals that of least margin: (M,).
+        """For each state the safe input of least score (M, L) that `passes`, of equals that of least depth: (M,).
 
         If no input is safe, it is `Batch.best`.
         """

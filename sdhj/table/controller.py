@@ -22,7 +22,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
 
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
-CLOCK = 1e-9  # rounding of times, s
+CLOCK = 1e-9  # rounding of times, of the time and of an interval
+RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
 
 class NotAdmissible(ValueError):
@@ -84,6 +85,11 @@ class Candidates:
         return self.batch.margins[self.batch.safe]
 
     @property
+    def depths(self) -> FloatArray:
+        """(P,), the margins or, for ever, the largest value of the game (`Batch.game`)."""
+        return self.batch.depths[self.batch.safe]
+
+    @property
     def successors(self) -> FloatArray:
         """(P, ndim), where the input leads in one interval without a disturbance."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
@@ -93,7 +99,7 @@ class Candidates:
 
 Rule = Callable[[Candidates], FloatArray]
 RULES: dict[str, Rule] = {  # the input of the least score is selected
-    "deepest": lambda among: among.margins,
+    "deepest": lambda among: among.depths,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
     "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
@@ -195,7 +201,9 @@ class Controller:
     rule : {"deepest", "effort", "target", "clearance"} or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
-        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions.
+        negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
+        ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
+        keeps a reserve of `RESERVE` cells; if none does, "deepest" decides.
 
     Raises
     ------
@@ -391,6 +399,21 @@ class Controller:
         predictions = predicted(self.problem, np.atleast_2d(states), np.broadcast_to(given, count), self._at(step))
         return predictions[0] if states.ndim == 1 else predictions
 
+    def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
+        """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
+
+        Arguments and errors are those of `predict`. It is asked of the prediction: `table.contains` speaks of the state
+        when the input of the step starts, where the robot has moved on by the delay under the previous input.
+
+        Returns
+        -------
+        bool, or (M,) bool for many measurements
+        """
+        states = np.atleast_2d(self.predict(measurement, previous, step))
+        batch = self.table.answers(states, self._at(step), self.table.steps - self._at(step))
+        found = (batch.steps_to_go != NOT_ADMISSIBLE) & (batch.promised | (batch.steps_to_go == 0))
+        return found if np.ndim(measurement) > 1 else bool(found[0])
+
     def step(self, measurement: FloatArray, time: float, *, fallback: bool = True) -> "Action":
         """Answer a measurement (ndim,) taken `time` seconds after a control loop began: see `Action`.
 
@@ -415,7 +438,10 @@ class Controller:
                 f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
             )
         late = time - k * problem.delta
-        missed = abs(late) > problem.sensing.jitter + CLOCK * max(1.0, time) or k != (last.step if last else -1) + 1
+        missed = (
+            abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
+            or k != (last.step if last else -1) + 1
+        )
         step, previous = 0 if problem.timeless else k, last.input if last else None
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         batch = self.batch(state[None], step)
@@ -458,12 +484,13 @@ class Controller:
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if after it the target can still be reached by the last step, not only in the fewest.
+        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
+        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells, else it is that of rule "deepest".
 
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many.
+            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
         step : int, optional
             As for `steps_to_go`.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
@@ -490,8 +517,14 @@ class Controller:
         distances = np.sqrt(np.square(inputs - commands[:, None]).sum(axis=2))  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
-        batch = self.table.answers(states, step, self.table.steps - step, distances)
-        chosen, promised = batch.best, batch.promised
+        if self.table.game < 0:
+            batch = self.table.answers(states, step, self.table.steps - step, distances)
+            chosen = batch.best
+        else:
+            batch = self.table.answers(states, step)
+            others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
+            chosen = self.table.preferred(batch, self._reserved(batch, others, 1.0))
+        promised = batch.promised
         if (lost := chosen == NOT_ADMISSIBLE).any():
             chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]
         changed = chosen != index if index is not None else (inputs[chosen] != commands).any(axis=1)
@@ -508,7 +541,11 @@ class Controller:
             return batch.best.copy()
         scores = np.zeros(batch.safe.shape)
         scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
-        return self.table.preferred(batch, scores)
+        return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
+
+    def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
+        """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen."""
+        return np.where(batch.margins <= -RESERVE, scores, otherwise) if self.table.game >= 0 else scores
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""

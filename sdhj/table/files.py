@@ -8,6 +8,7 @@ library. `sdhj.solving.load` chooses the class by the method, and the builder of
 
 import hashlib
 import json
+import math
 import os
 import re
 import reprlib
@@ -28,19 +29,21 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import LAYOUT, ReachAvoidProblem
-from sdhj.problem.restoring import arrays_of, described, problem_from, tables_of, what_differs
+from sdhj.problem.problem import LAYOUT, MOST_SAMPLED, TOLD, ReachAvoidProblem, arrays_of, described, digest_of
+from sdhj.problem.restoring import problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
-from sdhj.table.batches import Table
+from sdhj.table.batches import Table, entry
 
 TEMPORARIES: set[Path] = set()  # files that are being written
 Named = str | os.PathLike[str]
 Lengths = tuple[int | set[int], ...]
 VERSION = "0.2.0"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 FIRST_LINE = "sdhj look-up table, format {}\n"
 CONVENTION = "a set is where its function is <= 0; union is min, intersection is max"
 MOST_HEAD = 1 << 24  # bytes of the head
+MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
+MOST_CHUNK = 1 << 24  # numbers that are unpacked at once, or all of the array
 PACKING = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # of large arrays
 FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
 
@@ -180,7 +183,6 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
-        "problem": problem.name,
         "digest": digest,
         "recipe": dict(problem.recipe),
         "method": method,
@@ -211,6 +213,9 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
     fits = len(data.shape or ()) == len(allowed) and all(n in some for n, some in zip(data.shape, allowed, strict=True))
     if not (fits or shape is None) or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
+    packed = data.nbytes > MOST_PACKED * (data.id.get_storage_size() + 1000)
+    if packed or math.prod(data.chunks or ()) > max(data.size, MOST_CHUNK):
+        raise ValueError(f"its array {name} of {data.nbytes:,} bytes has too few of them in the file, or large chunks")
     if most is not None and data.nbytes > most:
         raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")
     require(data.nbytes, f"the array {name} of the file", "close other programs")
@@ -232,6 +237,7 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
         try:
             head = checked_head(json.loads(text))
             with h5py.File(stream, "r") as file:
+                _require_room(file)
                 yield head, file
         except TableFileError:
             raise
@@ -239,6 +245,21 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
             raise TableFileError(
                 f"{path} is undamaged, but not a look-up table that can be read ({error}); solve it anew"
             ) from error
+
+
+def _require_room(file: h5py.File) -> None:
+    """Raise MemoryError, before anything is read, where all arrays of a file together do not fit into memory."""
+    needed: list[int] = []
+    file.visititems(lambda name, one: needed.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
+    require(sum(needed), "all that is in the file", "close other programs, or use a machine with more memory")
+
+
+def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
+    """ValueError where a file has not as many entries as its steps take, before anything is made for so many."""
+    one = file["index"] if isinstance(file.get("index", getlink=True), h5py.HardLink) else None
+    shape, steps = getattr(one, "shape", None) or (0,), head["steps"]
+    if shape[0] not in (allowed := {1, steps + 1, entry(steps, steps, 0) + 1}):
+        raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
 
 
 def _whole(path: Path, stream: BufferedReader) -> bytes:
@@ -262,6 +283,7 @@ def checked_head(head: Any) -> dict[str, Any]:
     """The head of a file with its values checked and converted; raises various errors if it is invalid.
 
     The grid is a Grid, sensing a Sensing, inputs are (L, m); the recipe is empty unless a case study built the problem.
+    "told" is what stands there of the problem, as it stands there: what the digest is of.
     """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -270,11 +292,12 @@ def checked_head(head: Any) -> dict[str, Any]:
     if inputs.ndim != 2:
         raise ValueError(f"inputs must have shape (L, m), got {inputs.shape}")
     return head | {
+        "told": {name: head[name] for name in TOLD},
         "grid": Grid(*(head["grid"][name] for name in LAYOUT)),
         "inputs": inputs,
         "details": dict(head["details"]),
         "delta": number("delta", head["delta"], above=0.0),
-        "steps": whole("steps", head["steps"], least=1),
+        "steps": whole("steps", head["steps"], least=1, most=MOST_SAMPLED),
         "sensing": Sensing(**head["sensing"]),
         "sets": list(head["sets"]),
         "formulas": {**head["formulas"], "opaque": dict(head["formulas"]["opaque"])},
@@ -299,7 +322,15 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed."""
+    """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed.
+
+    Also if the digest in the head is not that of what it describes.
+    """
+    if head["digest"] != (found := digest_of(head["told"], arrays)):
+        raise TableFileError(
+            f"{path} was changed after it was written: its head names the problem {head['digest'][:12]}..., and what "
+            f"it describes is {found[:12]}...; solve it anew"
+        )
     if problem is None:
         try:
             return problem_from(head, tables_of(arrays))

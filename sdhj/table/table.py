@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
 from sdhj.kernels.tape import RESULTS
 from sdhj.problem.checks import axis_numbers, sealed
@@ -29,6 +29,7 @@ from sdhj.table.files import PACKING, stored, written_table
 QUIET = 5  # steps over which the motion of a boundary is measured
 # cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
 SETTLED = 0.002
+RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less, on average, have settled
 
 
 def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:
@@ -73,6 +74,9 @@ class AvoidTubes:
     moving_axes: tuple[int, ...]
     moving: FloatArray
 
+    def __post_init__(self) -> None:
+        read_only((self.static, self.moving))
+
 
 def entries(steps: int) -> FloatArray:
     """Every (start, within), in the order of `entry`: (entries, 2) int64."""
@@ -95,7 +99,8 @@ class LookupTable(Table):
     index : (entries,) int64
         For each (start, within), one row k after the other, the number of its stored tube: equal ones are stored once.
     tubes : (T, *grid.shape)
-        The level-set functions of the T stored tubes, <= 0 inside.
+        The level-set functions of the T stored tubes, <= 0 inside. For ever there are two: the tube, a distance in
+        cells, and behind it the game's value, by which inputs are selected.
     masks : (T, ceil(L / 8), nodes) uint8
         The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
@@ -187,22 +192,40 @@ class LookupTable(Table):
             count += int(np.count_nonzero(now | then))
         return moved / (QUIET * max(count, 1))
 
+    def unrest(self, within: int) -> float:
+        """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
+
+        It is the mean change of the values at the nodes inside over the mean difference of neighbours there, along the
+        axis where that is largest; inf before so many steps.
+        """
+        if within < QUIET:
+            return np.inf
+        tube, before = self.value_array(0, within), self.value_array(0, within - QUIET)
+        change, slope = np.abs(tube - before)[tube <= 0], 0.0
+        for axis in range(self.grid.ndim):
+            one, other = self.grid.edges(tube, axis)
+            inside = (one <= 0) & (other <= 0)
+            slope = max(slope, float(np.abs(one - other)[inside].mean()) if inside.any() else 0.0)
+        return float(change.mean()) / (QUIET * slope) if slope else 0.0
+
     def settled(self, last: int) -> "LookupTable":
         """A solve without a number of steps, ended: the table of its first `last` steps.
 
         Without a target it is the table of the one set that is safe for ever (`cells_inside`), whose inputs are those
-        marked in all of the last steps.
+        marked in all of the last steps; the game's value stands behind its tube.
         """
         stays, steps = self.problem.stays, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
         index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if stays else slice(0, last + 1)
         recent = self.masks[max(last - QUIET, 0) + 1 : last + 1]
         tubes = self.tubes[kept].copy()  # frees the space of all others
+        if stays:
+            tubes = np.concatenate([cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype), tubes])
         return replace(
             self,
             problem=replace(self.problem, steps=steps),
             index=np.zeros_like(index) if stays else index,
-            tubes=cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype) if stays else tubes,
+            tubes=tubes,
             masks=np.bitwise_and.reduce(recent)[None] if stays else self.masks[kept].copy(),
             avoid=replace(self.avoid, moving=self.avoid.moving[:steps]),
         )
@@ -210,7 +233,11 @@ class LookupTable(Table):
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table without the space that was not needed."""
         stored = int(self.index.max()) + 1
-        return replace(self, tubes=self.tubes[:stored], masks=self.masks[:stored], details=details)
+        whole = details.get("endless") and self.problem.stays
+        tubes, masks = (self.tubes, self.masks) if whole else (self.tubes[:stored], self.masks[:stored])
+        return replace(
+            self, index=read_only(self.index), tubes=read_only(tubes), masks=read_only(masks), details=details
+        )
 
     # ---- at the nodes
 
@@ -250,6 +277,12 @@ class LookupTable(Table):
 
     # ---- between the nodes
 
+    @cached_property
+    def game(self) -> int:
+        """As `Table.game`: behind the tubes that the index names, if there is one more."""
+        named = int(self.index.max()) + 1
+        return named if len(self.tubes) > named else -1
+
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
         out = np.empty((len(states), len(self.problem.inputs)))
         avoid_values(states, step, *self.known(step), *self._stored[3:], out)
@@ -275,16 +308,16 @@ class LookupTable(Table):
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> bool:
         """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
-        when = batch.step, batch.within, self.steps, looks
-        out = batch.steps_to_go, batch.safe, batch.margins, batch.best
+        when = batch.step, batch.within, self.steps, self.game, looks
+        out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
         return bool(decide(batch.states, rows, when, tuple(self.known(batch.step)), self._stored, ends, scores, out))
 
-    @cached_property
+    @kept
     def _tapes(self) -> Any:
         sets = (*self.problem.unsafe, self.problem.target)
         return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
 
-    @cached_property
+    @kept
     def _axes(self) -> Any:
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
@@ -315,7 +348,10 @@ class LookupTable(Table):
         most = int(index.max()) + 1
         if index.min() < 0:
             raise ValueError("its index points before the first tube")
-        tubes = stored(file, "tubes", "float32 float64", (most, *grid.shape))
+        ever = int(problem.stays and bool(head["details"].get("endless")))  # the game's value behind its tube
+        tubes = stored(file, "tubes", "float32 float64", ({most, most + ever}, *grid.shape))
+        if len(tubes) < most + ever:
+            raise ValueError("it is of an older version, without the game's value by which inputs are now selected")
         masks = stored(file, "masks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):
@@ -324,4 +360,4 @@ class LookupTable(Table):
                 raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(file, f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, head["method"], index, tubes, masks, AvoidTubes(*avoid), head["details"])
+        return cls(problem, head["method"], *read_only((index, tubes, masks)), AvoidTubes(*avoid), head["details"])

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 CELLS, IMAGES, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "images", "general_proof", "bounds"))
 DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
-RATE = "(time[1] - time[0]) / 2 * (0.0 if self.rate is None else np.asarray(self.rate))"
+RATE = "duration * (0.0 if self.rate is None else np.asarray(self.rate))"
 PACKED, LINKS, CONTACT, STENCILS, PIECES = (
     f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils", "pieces")
 )
@@ -35,8 +35,8 @@ MUTATIONS = {
     ),
     "outward wall": (
         CELLS,
-        "np.ceil((high - DRIFT) / width)",
-        "np.floor((high - DRIFT) / width)",
+        "np.ceil((high - drift) / width)",
+        "np.floor((high - drift) / width)",
         "test_image_holds",
     ),
     "remainder of link 1": (LINKS, "return 3, l1 * w1 * w1 / 8.0", "return 3, 0.0", "test_hulls_hold_the_links"),
@@ -114,7 +114,7 @@ MUTATIONS = {
         "test_bounds_of_a_lattice",
     ),
     "rate of a set": (BLACK_BOXES, RATE, "0.0", "test_general_bounds_hold"),
-    "size of a box": (BLACK_BOXES, "slope * np.sqrt((half**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
+    "size of a box": (BLACK_BOXES, "slope * np.sqrt((by**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
     "where an axis closes": (BOUNDS, "np.minimum.reduceat(found[0], first)", "found[0][first]", "test_a_box_across"),
     "all cells of an image": (
         STENCILS,
@@ -132,8 +132,8 @@ MUTATIONS = {
     "an early end": (IMAGES, "if begin >= soonest:", "if False:", SENSED),
     "a prediction in the target": (
         IMAGES,
-        "STATE_SLACK + self.unsure[axis])",
-        "STATE_SLACK)",
+        "self.shell[axis] + self.unsure[axis])",
+        "self.shell[axis])",
         SENSED,
     ),
     "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),

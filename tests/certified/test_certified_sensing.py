@@ -228,7 +228,7 @@ def saved(tmp_path_factory):
 def failed(path, folder, **changed):
     """Claims of a file that are not proved where its robot senses otherwise, or more is claimed of predictions."""
     path = shutil.copy(path, folder / "copy.h5")
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         told["sensing"] |= changed.get("sensing", {})
         told["proof"] |= changed.get("proof", {})
     return {claim.name for claim in verify(path, samples=500, progress=False).claims if claim.failed}
@@ -292,6 +292,6 @@ def test_the_arm(agent, tmp_path):
     sure.save(tmp_path / "arm.h5")
     assert (verdict := verify(tmp_path / "arm.h5", samples=100, progress=False)).ok, str(verdict)
     for more in ({"jitter": 0.01}, {"jitter": 0.004, "delay": 0.02}):
-        with forged(tmp_path / "arm.h5") as (told, _):
+        with forged(tmp_path / "arm.h5", named=True) as (told, _):
             told["sensing"] |= more
         assert not verify(tmp_path / "arm.h5", samples=100, progress=False).ok

@@ -195,7 +195,8 @@ def test_what_is_checked_is_what_is_loaded(table, tmp_path):
     table.save(path)
     with forged(path) as (told, _):
         told["recipe"] = dict(other.recipe)
-    assert not verify(path, samples=60).ok
+    with pytest.raises(ValueError, match="velocities of the head must be those of its recipe"):
+        verify(path, samples=60)
     with pytest.raises(sdhj.TableFileError, match="solved for another problem"):
         sdhj.load(path)
 

@@ -34,11 +34,11 @@ def table(problem, cells):
 def test_what_is_certified_and_what_cannot_be_asked():
     fine = table(line(), 40)  # cells of 0.25 m, aligned: nothing is lost
     told = fine.explain([5.6], 0, 1)
-    assert told.certified and not told.failures and "by inputs [1]" in str(told)
+    assert told.inside and not told.failures and "by inputs [1]" in str(told)
     assert "off the grid" in fine.explain([11.0], 0).says
     assert fine.explain([3.1], 0).says == "The state is in the unsafe set 'post', whose level there is -0.3."
-    assert "not all of the state's cell is in the target" in fine.explain([5.6], 0, 0).says
-    assert fine.explain([7.0], 0, 0).certified
+    assert fine.explain([5.6], 0, 0).says == "The state is not in the target, whose level there is 0.4 > 0."
+    assert fine.explain([7.0], 0, 0).inside
     for wrong, what in (([1.0, 2.0], "shape"), ([np.nan], "NaN")):
         with pytest.raises(ValueError, match=what):
             fine.explain(wrong)
@@ -48,7 +48,7 @@ def test_an_image_that_is_not_covered():
     """From [5, 5.25] the faster input leads into [5.75, 6.5]: a third of that is short of the goal at 6."""
     told = table(line(), 40).explain([5.1], 0, 1)
     first, second = told.failures
-    assert not told.certified and told.says == "Not proved at these cells for step 0 with 1 steps to go:"
+    assert not told.inside and told.says == "Not proved at these cells for step 0 with 1 step to go:"
     assert (first.input, first.by, first.short) == (1, "image", pytest.approx(-1 / 3))
     assert first.says == "of 3 cells that it may lead to 1 are not certified, within x 5.75 to 6"
     assert (second.input, second.short) == (0, -1.0)
@@ -93,7 +93,7 @@ def test_explanations_agree_with_the_table():
         made = sdhj.solve(problem, sdhj.Certified(cells=cells, parts=4), progress=False, play=False)
         for q in rng.uniform(made.grid.lower, made.grid.upper, (12, made.grid.ndim)):
             told = made.explain(q, 1, 2)
-            assert told.certified == made.contains(q[None], start=1, within=2)[0]
+            assert told.inside == made.contains(q[None], start=1, within=2)[0]
             if told.failures:
                 assert sorted(one.input for one in told.failures) == list(range(len(problem.inputs)))
                 clear = made.hazards(q[None], 1)[0] <= 0

@@ -246,7 +246,7 @@ def test_bounds_of_a_lattice_hold_in_its_boxes(share, rng):
     pitch = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, np.zeros(2)).pitch
     lattice = lattice_of(proof.bounds, proof.axes, disk, times, problem.steps, share * pitch)
     sway, seen = share * pitch if share < 1 else 0.0 * pitch, 0
-    np.testing.assert_allclose(lattice.narrow, sway, atol=2e-10)
+    np.testing.assert_allclose(lattice.narrow, sway, atol=2e-10 * np.pi)
     for part, t in itertools.product((0, 1), (0.2, 0.25, 0.3, 0.35, 0.4)):
         if not 0.2 + 0.1 * part <= t <= 0.3 + 0.1 * part:
             continue

@@ -42,9 +42,10 @@ def test_state_on_an_edge(small):
     inputs = []
     for off in (-1e-6, 0.0, 5e-11):
         state[0] = edges[0][last[0] + 1] + off
-        assert small.contains(state[None], start=0, within=2).all()
+        assert small.contains(state[None], start=0, within=2).all() == (off <= 0.0)  # what is off is a run's reserve
+        assert (small.steps_to_go(state[None], 0) <= 2).all()
         inputs.append(list(np.flatnonzero(small.certified_inputs(state[None], 0, 2)[0])))
-    assert inputs[0] == inputs[1] == inputs[2] or not small.contains(state[None], start=0, within=2).all()
+    assert inputs[0] == inputs[1] == inputs[2]
     state[0] = edges[0][last[0] + 1] + 1e-6
     assert not small.contains(state[None], start=0, within=2).any()
     assert not small.certified_inputs(state[None], 0, 2).any()

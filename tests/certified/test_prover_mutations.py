@@ -127,20 +127,20 @@ FALSE = {
     ),
     "the first cell of an image": (
         CELLS,
-        "np.floor((low + DRIFT) / width)",
-        "np.ceil((low + DRIFT) / width)",
+        "np.floor((low + drift) / width)",
+        "np.ceil((low + drift) / width)",
         "cart",
         MOVES,
     ),
     "the last cell of an image": (
         CELLS,
-        "np.ceil((high - DRIFT) / width)",
-        "np.floor((high - DRIFT) / width)",
+        "np.ceil((high - drift) / width)",
+        "np.floor((high - drift) / width)",
         "cart",
         MOVES,
     ),
     "a narrower cell": (CELLS, "if not known or not self.periodic:", "if True:", "ring", MOVES),
-    "states near a cell": (IMAGES, "axis.edges()[own + 1] + STATE_SLACK", "axis.edges()[own + 1]", "sliding", MOVES),
+    "states near a cell": (IMAGES, "axis.edges()[own + 1] + self.shell[k]", "axis.edges()[own + 1]", "sliding", MOVES),
     "the adversary": ("certified/bounds.py", "(t0, t1), signs)", "(t0, t1), np.zeros(1))", "line", MOVES),
     # which inputs are clear: `_lattices`, `lattice_of`, `_strike`, `_met`, and `strike` with what it calls
     "boxes of a set": (
@@ -311,8 +311,8 @@ FALSE = {
     ),
     "predictions in a goal": (
         IMAGES,
-        "STATE_SLACK + self.unsure[axis])",
-        "STATE_SLACK)",
+        "self.shell[axis] + self.unsure[axis])",
+        "self.shell[axis])",
         "sensed",
         GOAL,
     ),

@@ -46,8 +46,8 @@ class Case:
         dynamics = sdhj.Dynamics(
             self.inputs,
             drift or (lambda x, u, t: self.drift(x, u, t)),
-            lambda u, t: self.gain(u, t) * eye,
-            lambda u, t: np.stack([self.bound(u, t)] * self.ndim),
+            lambda q, u, t: self.gain(u, t) * eye,
+            lambda q, u, t: np.stack([self.bound(u, t)] * self.ndim),
         )
         grid = sdhj.Grid([-3.0] * self.ndim, [3.0] * self.ndim, [31] * self.ndim)
         target = sdhj.TargetSet(tuple(range(self.ndim)), self.target)

@@ -138,7 +138,7 @@ MUTATIONS = {
     "nodes in a box": (INTERVALS, "(np.ceil(high) - begin).max(axis=1) + 1", "[2] * len(low)", TABLES),
     "the last block": (INTERVALS, "np.ceil(high).astype(np.int64)", "np.floor(high).astype(np.int64)", TABLES),
     "endless ends": (INTERVALS, "np.isfinite(low) & np.isfinite(high)", "~np.isnan(low + high)", FORMS),
-    "what is taken away": (INTERVALS, "a[0] - b[1], a[1] - b[0]", "a[0] - b[0], a[1] - b[1]", EXACT),
+    "what is taken away": (INTERVALS, "return add(a, neg(b))", "return add(a, (-b[0], -b[1]))", EXACT),
     "all corners": (INTERVALS, "for p in a for q in b]", "for p, q in zip(a, b, strict=True)]", EXACT),
     "least absolute values": (INTERVALS, "np.maximum(np.maximum(a[0], -a[1]), 0.0)", "np.maximum(a[0], -a[1])", EXACT),
     "most absolute values": (INTERVALS, "np.maximum(-a[0], a[1])", "a[1]", EXACT),

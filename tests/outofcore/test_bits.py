@@ -50,7 +50,21 @@ def half_coupled_problem():
     )
 
 
+def drifting_problem():
+    """A drift along three axes with ends, an interval's way and push long beside a slab."""
+    inputs = [[a, b, c] for a in (-1.0, 1.0) for b in (0.0, 0.7) for c in (-0.5, 0.5)]
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1.0] * 3, [1.0] * 3, [41, 12, 13], ends=["wall", "unsafe", ("unsafe", "wall")]),
+        dynamics=sdhj.Dynamics(inputs, inputs, np.eye(3), [0.3, 0.2, 0.1]),
+        target=sdhj.TargetSet((0, 1, 2), lambda p, t: np.abs(p - 0.2 * t).max(axis=1) - 0.3),
+        unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.5, p[:, 1]) - 0.2, name="post")],
+        delta=0.15,
+        steps=3,
+    )
+
+
 CASES = {
+    "a drift along three axes": (drifting_problem, "hji", 4),
     "a line": (lambda: toys.interval_problem(nodes=81, rate=0.1, steps=2), "hji", 20),
     "a torus, gone around": (lambda: toys.torus_problem(nodes=48, steps=1), "hji", 10),
     "a torus, by Hopf and Lax": (lambda: toys.torus_problem(nodes=40, steps=2), "lax", 10),

@@ -123,8 +123,8 @@ def slipping_controller() -> Controller:
     dynamics = sdhj.Dynamics(
         problem.inputs,
         problem.inputs,
-        gain=lambda u: np.array([[1.0, 0.0], [0.5, 1.0 + abs(u[0])]]),
-        bounds=lambda u, t: [0.2 + 0.1 * abs(u[1]), 0.4 - 0.6 * t],
+        gain=lambda q, u: np.array([[1.0, 0.0], [0.5, 1.0 + abs(u[0])]]),
+        bounds=lambda q, u, t: [0.2 + 0.1 * abs(u[1]), 0.4 - 0.6 * t],
     )
     return Controller(sdhj.solve(replace(problem, dynamics=dynamics), "lax", progress=False))
 

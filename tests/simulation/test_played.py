@@ -60,7 +60,7 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     with pytest.warns(ResolutionWarning, match="no input stays clear of .*bars.* for one interval"):
         sdhj.solve(replace(problem, unsafe=(UnsafeSet((0,), lambda p, t: np.abs(p[:, 0]) - 3.9, name="bars"),)))
     weak = sdhj.Dynamics(problem.inputs, problem.inputs, [[1.0]], [1.5])
-    kept = "from 93% of the free states some input stays clear for one interval, but hardly from any for all steps; use"
+    kept = "from 94% of the free states some input stays clear for one interval, but hardly from any for all steps; use"
     with pytest.warns(ResolutionWarning, match=f"{kept} stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
     blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5))
@@ -69,6 +69,21 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     reach = replace(interval_problem(unsafe=False), dynamics=weak)
     with pytest.warns(ResolutionWarning, match="none of the 3 inputs makes progress against the adversary; use"):
         sdhj.solve(reach, progress=False)
+
+
+@pytest.mark.parametrize("shape", [(100, 100, 5), (142, 142, 5)])
+def test_an_empty_tube_is_looked_into_at_states_of_all_axes(solves_are_played: None, shape: tuple[int, ...]) -> None:
+    """All is carried out of the box at 1 m/s; but for the lowest layer and the last 0.1 m, one interval is clear."""
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.0, 0.0, 0.0], [4.0, 4.0, 4.0], shape),
+        sdhj.Dynamics([[0.0]], [[1.0, 0.0, 0.0]]),
+        target=None,
+        unsafe=[UnsafeSet((2,), lambda p, t: p[:, 0] - 0.5, name="low")],
+        delta=0.1,
+        steps=60,
+    )
+    with pytest.warns(ResolutionWarning, match="from 9[567]% of the free states some input stays clear for one inter"):
+        sdhj.solve(problem, progress=False)
 
 
 @pytest.mark.parametrize(
@@ -121,3 +136,38 @@ def test_an_axis_that_only_the_adversary_moves_is_named() -> None:
     found = replace(table, problem=replace(problem, dynamics=faster)).played(300)
     assert "went off the grid past the end of pursuer" in found.ways
     assert 'ends="wall" or "safe" for pursuer, or a longer axis: only the adversary moves' in found.advice
+
+
+def parking(tolerance: float) -> sdhj.ReachAvoidProblem:
+    """A car that is to park to within a tolerance, on cells of 0.1 m."""
+
+    def drift(q, u):
+        return np.stack([u[0] * np.cos(q[:, 2]), u[0] * np.sin(q[:, 2]), np.full(len(q), u[1])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2, -2, -np.pi], [2, 2, np.pi], [41, 41, 16], [False, False, True]),
+        sdhj.Dynamics([[0.5, -2.0], [0.5, 0.0], [0.5, 2.0]], drift, [[1, 0], [0, 1], [0, 0]], [0.1, 0.1]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - tolerance),
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.4)],
+        0.25,
+        2,
+    )
+
+
+def test_a_finished_table_is_returned_whatever_the_runs_at_its_end_meet(
+    solves_are_played: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.warns(ResolutionWarning, match="the table is complete, but .* no run can start from it"):
+        table = sdhj.solve(parking(0.01), progress=False)
+    assert table.fraction(start=0, within=2) > 0 and "played" not in table.details
+    whole = sdhj.solve(parking(0.5), progress=False, play=False)
+    simulated = sdhj.simulation.played
+    for met, says in ((KeyboardInterrupt(), "interrupted"), (MemoryError("too little"), "MemoryError: too little")):
+
+        def fails(*_: object, met: BaseException = met, **__: object) -> None:
+            raise met
+
+        monkeypatch.setattr(simulated, "rollouts", fails)
+        with pytest.warns(ResolutionWarning, match=f"did not finish: .*{says}. With play=False"):
+            table = sdhj.solve(parking(0.5), progress=False)
+        np.testing.assert_array_equal(table.values(), whole.values())

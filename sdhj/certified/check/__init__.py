@@ -18,7 +18,11 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
     angles and cell are halved (`link_clear`).
 5.  *Goals*: the cells of S_k^0 are inside the target at t_k (`tip_inside`), and clear of everything at that instant.
 6.  *Rounding* is bounded once for all numbers that are let in (`separation`), and a state counts as in a cell up to
-    1e-10 from it (`moved`).
+    1e-10 from it (`moved`), in metres and radians; of other robots all that is allowed is a share of the coordinates.
+7.  *The file* describes what its head names: the digest of the problem is computed from what is read of it, names of
+    axes and sets included (`reading`), and an arm's recipe makes what the head describes (`recipe`). A forger may write
+    the digest of another problem as well: only who has the problem finds that, by `sdhj verify --problem` or
+    `sdhj.load(path, problem=...)`, which compare it with the file's.
 
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
@@ -35,7 +39,7 @@ from typing import Any
 
 from sdhj.certified.check.arm import Arm
 from sdhj.certified.check.claims import Claim, Verdict
-from sdhj.certified.check.reading import expect, head_and_arrays, is_whole
+from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole
 from sdhj.certified.check.robots import Robot
 
 __all__ = ["Claim", "Verdict", "verify"]
@@ -70,6 +74,8 @@ def verify(
     ValueError
         Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
         check; and for samples or a seed that make no sense.
+    MemoryError
+        Where more memory is needed than is free, before any is taken.
     """
     expect(samples is None or is_whole(samples, 1), "samples must be a positive number", samples)
     expect(is_whole(seed, 0), "seed must be a whole number of at least 0", seed)
@@ -77,8 +83,10 @@ def verify(
     opaque: dict[str, str] = {}
     with head_and_arrays(path) as (head, arrays):
         if "cells" in head and head["cells"].get("kind") == "arm":
+            expect_room(Arm.needs(arrays))
             sets = Arm(head, arrays)
         elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+            expect_room(Robot.needs(head, arrays, samples))
             sets = Robot(head, arrays, problem)
     if opaque and problem is None:
         names = ", ".join(f"{name} ({why})" for name, why in opaque.items())

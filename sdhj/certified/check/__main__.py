@@ -11,7 +11,7 @@ if len(sys.argv) != 2:
     sys.exit("usage: python -m sdhj.certified.check TABLE.h5")
 try:
     verdict = verify(sys.argv[1])
-except (OSError, ValueError) as error:
+except (OSError, ValueError, MemoryError) as error:
     print(f"Error: {error}", file=sys.stderr)
     sys.exit(2)
 print(verdict)

@@ -17,7 +17,19 @@ from tqdm import tqdm
 
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    Sensing,
+    Sets,
+    array,
+    decimal,
+    expect,
+    is_whole,
+    real,
+    reals,
+    sizes,
+)
+from sdhj.certified.check.recipe import expect_recipe
 from sdhj.certified.check.rows import Stored, check_rows
 from sdhj.certified.check.separation import DIRECTIONS, World
 
@@ -138,6 +150,7 @@ class Arm(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
+        expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
@@ -145,6 +158,11 @@ class Arm(Sets):
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
+
+    @staticmethod
+    def needs(arrays: h5py.File) -> int:
+        """Bytes that a check takes: of the sets three copies, of the flags, which are packed, a byte each."""
+        return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""

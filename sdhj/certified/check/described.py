@@ -14,9 +14,9 @@ import numpy as np
 from sdhj.certified.check import intervals
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.formulas import MOST_AXES, Formula, read
-from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, array, expect, is_whole, real
+from sdhj.certified.check.reading import MOST_COUNTED, MOST_ON_AN_AXIS, MOST_TABLES, array, expect, is_whole, real
 
-MOST_TABLES = 1 << 30  # bytes of all tables together
+ROUNDED = 1e-9  # of what a black box is, and may change by from zero on: more than it rounds, in any units
 ENDS = {"unsafe", "wall", "safe"}
 
 Times = tuple[float, float]
@@ -65,7 +65,7 @@ class BlackBox:
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
             value = self.shaped(self.given(place, *self.inputs, time))
-            near = 1e-9 * (1 + np.abs(value))
+            near = ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
             wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]
             what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
             expect(not wrong.size, what, value[wrong].tolist())
@@ -79,12 +79,15 @@ class BlackBox:
         slope, rate, half = self.given.slope, self.given.rate, (high - low) / 2
         stated = slope is not None and (rate is not None or times[0] == times[1])
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
-        far = half @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(half, axis=1, keepdims=True)
-        if rate is not None:
-            far = far + np.array(rate) * (times[1] - times[0]) / 2
-        each = np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
+
+        def change(by: Array, duration: float) -> Array:
+            far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
+            far = far + duration * (0.0 if rate is None else np.array(rate))
+            return np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
+
         value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
-        each = each * (1 + 1e-9) + 1e-9 * (1 + np.abs(value))
+        size = np.abs(value) + change(np.abs(low + high) / 2, abs(sum(times)) / 2)
+        each = change(half, (times[1] - times[0]) / 2) * (1 + ROUNDED) + ROUNDED * size
         return intervals.sure(value - each, value + each)
 
     def shaped(self, answer: Any) -> Array:

@@ -53,11 +53,20 @@ def above(least: float, low: Array, high: Array) -> Interval:
 
 
 def add(a: Interval, b: Interval) -> Interval:
-    return outward(a[0] + b[0], a[1] + b[1])
+    """Outward only where the rounded sum is not beyond the exact one: so the border of a closed set is in it."""
+    low, high = a[0] + b[0], a[1] + b[1]
+    least, most = outward(low, high)
+    return np.where(rest(a[0], b[0], low) >= 0.0, low, least), np.where(rest(a[1], b[1], high) <= 0.0, high, most)
 
 
 def sub(a: Interval, b: Interval) -> Interval:
-    return outward(a[0] - b[1], a[1] - b[0])
+    return add(a, neg(b))
+
+
+def rest(a: Array, b: Array, total: Array) -> Array:
+    """What rounding took from a sum, a + b - total: exactly (Knuth's sum of two), NaN where numbers are too large."""
+    second = total - a
+    return (a - (total - second)) + (b - second)
 
 
 def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
@@ -180,8 +189,9 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
     if side is not None:
-        x = x[0] + 0.0, x[1] + 0.0  # not minus zero
-        y = (np.where(jump, 0.0, y[0]), y[1] + 0.0) if side == 0 else (y[0], np.where(jump, -0.0, y[1]))
+        x = np.where(x[0] == 0, -0.0, x[0]), x[1] + 0.0  # a zero of either sign
+        above, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
+        y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))
         jump = np.array(False)
     low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))

@@ -2,7 +2,8 @@
 
 The file begins with three lines: what it is, the SHA-256 of all that follows, and in JSON what it tells; behind them an
 HDF5 file begins, of arrays. Nothing reaches the HDF5 library before the digest is right, and no array is read that is
-not one of numbers, of the expected shape, inside the file.
+not one of numbers, of the expected shape, inside the file, or before it is known that all of them fit into memory. The
+digest of the problem that the head names has to be that of what is read of it.
 """
 
 import hashlib
@@ -12,9 +13,10 @@ import os
 import re
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -22,19 +24,27 @@ import numpy as np
 
 from sdhj.certified.check.bits import Array
 
-MOST_COUNTED = 1000  # steps, and levels of an input
-LARGEST = 1e9  # of a number in the head
+FEW_DIGITS = 14  # of a decimal that is no rounded number, such as that of pi
+MOST_COUNTED = 1000  # parts, and levels of an input
+MOST_STEPS = 10**6
+LARGEST, SMALLEST = 1e120, 1e-120  # of a number in the head, and of one above 0: products are numbers, in any units
 MOST_TEXT = 1 << 24  # bytes that a file tells
 MOST_BYTES = 1 << 34  # of an array
 MOST_PACKED = 1100  # times as large as it is packed an array may be: gzip does not pack closer
+MOST_TABLES = 1 << 30  # bytes of all tables together
+MOST_CHUNK = 1 << 24  # numbers that are unpacked at once, or all of the array
 MOST_ON_AN_AXIS = 10**6  # cells
-BEGINNING = b"sdhj look-up table, format 4\n"
+TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # of the problem
+BEGINNING = b"sdhj look-up table, format 5\n"
 PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing that are undone
 
 
 def decimal(value: float) -> Fraction:
-    """The decimal that a number is written as."""
-    return Fraction(str(value))
+    """The decimal that a number is written as, times a power of two; the number itself if none has few digits."""
+    part, power = math.frexp(value)
+    scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
+    digits, text, by = min((len(re.sub("e.*|[-.]", "", text).strip("0")), text, by) for text, by in scaled)
+    return Fraction(text) * Fraction(2) ** by if digits <= FEW_DIGITS else Fraction(value)
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
@@ -68,11 +78,14 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
         first, second = stream.readline(100), stream.readline(100)
         begin = stream.tell()
         if first != BEGINNING or second != b"sha256 %s\n" % hashlib.file_digest(stream, "sha256").hexdigest().encode():
-            raise ValueError(f"{path} is damaged, or holds no certified sets in format 4; solve it anew")
+            raise ValueError(f"{path} is damaged, or holds no certified sets in format 5; solve it anew")
         stream.seek(begin)
         try:
             head = dict(json.loads(stream.readline(MOST_TEXT)))
             with h5py.File(stream, "r") as arrays:
+                expect_room(sizes(arrays))
+                own, named = digest(head, arrays), head["digest"]
+                expect(named == own, f"its head must name the problem that it describes, {own}", named)
                 yield head, arrays
         except (OSError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, ValueError) as error:
             raise ValueError(
@@ -80,8 +93,66 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
             ) from error
 
 
-def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int = MOST_BYTES) -> Array:
-    """An array of numbers inside a file, looked at before it is read; None stands for any length."""
+def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
+    """SHA-256 of what the head says of the problem, names included, and of the arrays that its functions have.
+
+    That is of a JSON text: the entries `TOLD`, where errors of measurements are one for each axis; and for each array
+    its shape and the SHA-256 of its numbers.
+    """
+    said, held = {name: head[name] for name in TOLD}, dict[str, Any]()
+    error = said["sensing"].get("error")
+    if error is not None:
+        each = error if isinstance(error, list) else [error] * len(said["grid"]["shape"])
+        said["sensing"] = {**said["sensing"], "error": each}
+    for group in ("tables", "opaque"):
+        link = arrays.get(group, getlink=True)
+        expect(link is None or isinstance(link, h5py.HardLink), f"{group} must be in the file itself", link)
+        for name in arrays[group] if link else ():
+            values = array(arrays, f"{group}/{name}", np.float64, ..., most=MOST_TABLES)
+            own = hashlib.sha256(np.ascontiguousarray(values, "<f8").data.cast("B") if values.size else b"")
+            held[f"{group}/{name}"] = [list(values.shape), own.hexdigest()]
+    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
+
+
+def sizes(arrays: h5py.File) -> int:
+    """Bytes that all arrays of a file take in memory."""
+    found: list[int] = []
+    arrays.visititems(lambda name, one: found.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
+    return sum(found)
+
+
+def expect_room(needed: int) -> None:
+    """MemoryError where so many bytes are more than can still be had of the machine, this process or its group."""
+    free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
+    if needed > free:
+        shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
+        raise MemoryError(
+            f"to check the file takes {shown} of memory, and {free / 1e9:.3g} GB are free; check some cells with "
+            "samples=1000, or use a machine with more memory"
+        )
+
+
+def free_memory() -> Iterator[float]:
+    """Bytes that are free, as far as the system says so."""
+    yield math.inf
+    with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
+        found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
+        yield 1024 * int(found["MemAvailable"].split()[0])
+    with suppress(OSError, LookupError, ValueError):
+        limit, used = (Path(f"/sys/fs/cgroup/memory.{n}").read_text(encoding="ascii") for n in ("max", "current"))
+        lines = Path("/sys/fs/cgroup/memory.stat").read_text(encoding="ascii").splitlines()
+        kept = dict(line.split() for line in lines)
+        yield int(limit) - int(used) + int(kept["inactive_file"])
+    with suppress(OSError, LookupError, ValueError, ImportError):
+        import resource  # where there is ulimit
+
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        yield math.inf if most == resource.RLIM_INFINITY else most - pages * resource.getpagesize()
+
+
+def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
+    """An array of numbers inside a file, looked at before it is read; None stands for any length, ... for any shape."""
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
     data = file[name]
@@ -90,7 +161,9 @@ def array(file: h5py.File, name: str, kind: type, *shape: int | None, most: int 
     packed = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     fits = data.external is None and not data.is_virtual and packed <= PLAIN
     fits = fits and data.nbytes <= min(most, MOST_PACKED * (data.id.get_storage_size() + 1000))
-    fits = fits and len(data.shape) == len(shape) and all(map(lambda n, m: n in (None, m), shape, data.shape))
+    fits = fits and math.prod(data.chunks or ()) <= max(data.size, MOST_CHUNK)
+    same = len(data.shape) == len(shape) and all(map(lambda n, m: n in (None, m), shape, data.shape))
+    fits = fits and (same or shape == (...,))
     expect(fits, f"{name} must be kept in the file, of shape {shape}", data.shape)
     return data[()]
 

@@ -30,10 +30,25 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.reading import MOST_COUNTED, Sensing, Sets, array, decimal, expect, is_whole, real, reals
+from sdhj.certified.check.reading import (
+    MOST_COUNTED,
+    MOST_STEPS,
+    SMALLEST,
+    Sensing,
+    Sets,
+    array,
+    decimal,
+    expect,
+    is_whole,
+    real,
+    reals,
+    sizes,
+)
 
+# Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
+ROUNDED = 1e-15  # a difference of two coordinates
 FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
 SIDE = 8  # of a block of cells, on axes along which they move alike
@@ -67,9 +82,11 @@ class Robot(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
-        expect(is_whole(self.steps, 1), "steps must be a number", self.steps)
+        expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
-        self.delta = real("delta", head["delta"], 1e-9)
+        self.delta = real("delta", head["delta"], SMALLEST)
+        self.scale = np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        self.near = NEAR * self.scale
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
@@ -82,9 +99,24 @@ class Robot(Sets):
         self.stays, self.periodic = self.target is None, self.grid.periodic
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
-        self.read_proof(head["proof"], arrays)
+        self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
 
-    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+    @staticmethod
+    def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
+        """Bytes that a check takes, by what the head says of cells, places and parts.
+
+        Of a set, doubled where axes close, flags and sums; of each cell that is looked at, its number, coordinates and
+        ends, some of them twice; of each place what a box sweeps in each part, and some boxes.
+        """
+        counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
+        ndim, cells = len(counts), math.prod(counts)
+        places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
+        chosen = cells if samples is None else min(samples, cells)
+        swept = min(places, chosen) * 16 * ndim * (parts + 20)
+        of_a_set = cells * (10 + 9 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        return sizes(arrays) + of_a_set + chosen * 8 * (6 * ndim + 2) + swept
+
+    def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
@@ -101,6 +133,7 @@ class Robot(Sets):
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.timeless = len(self.index) != pairs
         fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
+        fits = fits and (self.target is not None or not endless or len(self.index) == 1)
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def cover(self) -> list[str]:
@@ -113,7 +146,7 @@ class Robot(Sets):
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
             free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
-            alike = abs(n * width - most) <= STICKS_OUT if self.periodic[axis] else free
+            alike = abs(n * width - most) <= STICKS_OUT * float(self.scale[axis]) if self.periodic[axis] else free
             wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 
@@ -199,7 +232,7 @@ class Robot(Sets):
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
         grid, cells = self.grid, self.cells_at(places)
-        at = np.where(self.known, self.ends(cells, NEAR), np.array([grid.lower, grid.upper])[:, None])
+        at = np.where(self.known, self.ends(cells, self.near), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
         swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
@@ -207,7 +240,7 @@ class Robot(Sets):
 
         def held(moved: Array) -> Array:
             stopped = np.clip(at + moved, *bars)
-            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * 1e-15)
+            return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
         moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)
         least, most = moved  # of all that may be its end
@@ -225,9 +258,9 @@ class Robot(Sets):
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
-        h, grown = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:])
+        h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
         for _ in range(30):
-            room = box + OUTWARD * self.known * (grown + 1e-11)
+            room = box + OUTWARD * self.known * (grown + some)
             out = np.stack(self.velocity(j, room, times))
             far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
             if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
@@ -235,17 +268,17 @@ class Robot(Sets):
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
-        room = box + self.known * (far + OUTWARD * 1e-11)  # all that is reached from the box within the piece
+        room = box + self.known * (far + OUTWARD * some)  # all that is reached from the box within the piece
         out = np.stack(self.velocity(j, room, times))
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
-            face[:, :, axis] = (box[side] + far + OUTWARD * 1e-11)[:, :, axis]
+            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]
             out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
         """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
-        fits, cells = np.ones(len(places), np.bool_), self.cells_at(places)
+        fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (_, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
@@ -253,7 +286,7 @@ class Robot(Sets):
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))
                 first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
-            fits &= (first <= moved[0, :, axis] + STICKS_OUT) & (moved[1, :, axis] <= last + STICKS_OUT)
+            fits &= (first <= moved[0, :, axis] + sticks[axis]) & (moved[1, :, axis] <= last + sticks[axis])
         return fits
 
     def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
@@ -263,7 +296,7 @@ class Robot(Sets):
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)
             apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
-            return np.all(apart * self.delay <= room * (1 + 1e-12) + 1e-15, axis=1)
+            return np.all(apart * self.delay <= room * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
 
         return everywhere(near, boxes, self.known, NEAREST)
 
@@ -294,9 +327,9 @@ class Robot(Sets):
         for part in self.unsafe:
             own, left = list(part.axes), np.flatnonzero(out)
             if not part.moving:  # often the whole tube at once will do
-                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * NEAR)[..., own], self.always, 0)]
+                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
-                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * NEAR
+                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near
                 when = times[0] - self.jitter, times[1] + self.jitter
                 good = self.outside(part, box[..., own], self.always if not part.moving else when, depth)
                 good |= ~there[left, piece]
@@ -325,14 +358,14 @@ class Robot(Sets):
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
             a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
-            left |= (b < grid.lower[axis] - NEAR) & self.safe[axis, 0]
-            left |= (a > grid.upper[axis] + NEAR) & self.safe[axis, 1]
+            left |= (b < grid.lower[axis] - self.near[axis]) & self.safe[axis, 0]
+            left |= (a > grid.upper[axis] + self.near[axis]) & self.safe[axis, 1]
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
         times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
-        box, out = self.ends(self.cells(numbers), NEAR + self.off), np.ones(len(numbers), np.bool_)
+        box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)
         for part in self.unsafe:
             out &= self.outside(part, box[..., list(part.axes)], times)
         if self.target is None:
@@ -382,8 +415,9 @@ class Robot(Sets):
         if self.sensing:
             yield Claim("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
-        chosen = np.zeros(size, np.bool_)
-        chosen[np.random.default_rng(seed).permutation(size)[:samples]] = True
+        chosen = np.full(size, samples is None)
+        if samples is not None:
+            chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
         yield from self.claims_of_sets(chosen, silent)
         if samples is not None and balls.INSTALLED:
@@ -448,9 +482,10 @@ class Robot(Sets):
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
         starts = range(1 if self.timeless else self.steps + 1)
-        rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         if len(self.index) == 1:  # what is safe for ever: it leads into itself
             rows = [(0, 0), (0, 1)]
+        else:
+            rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         for step, within in tqdm(rows, desc="sets", disable=silent):
             new = here = self.bits(step, within)
             name = NEARER if within else GOALS

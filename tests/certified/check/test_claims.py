@@ -10,10 +10,11 @@ import h5py
 import naive_certified as naive
 import numpy as np
 import pytest
-from forging import forged
+from forging import describe, forged
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
+from sdhj.arm.case_studies import rebuild
 from sdhj.certified.check import verify
 from sdhj.certified.check.arm import PI, Arm, Scene, counted
 
@@ -154,13 +155,15 @@ def test_wrong_cells_end_the_check(saved, tmp_path):
 
 def test_a_stronger_adversary_is_not_proved(saved, tmp_path):
     """The sets of one problem under the numbers of harder ones."""
+    problem = saved[1].problem
     for name, old, new in (("v_d_max", 2.0, 2.1), ("v_p_max", 0.9, 1.0)):
-
-        def harder(told, arrays, name=name, old=old, new=new):
-            assert told["recipe"]["arguments"][name] == old
-            told["recipe"]["arguments"][name] = new
-
-        report = planted(saved, tmp_path, harder)
+        assert problem.recipe["arguments"][name] == old
+        harder = rebuild({**problem.recipe, "arguments": {**problem.recipe["arguments"], name: new}})
+        path = shutil.copy(saved[0], tmp_path / "harder.h5")
+        describe(path, harder)
+        with forged(path, named=True) as (told, _):
+            told["recipe"] = harder.recipe
+        report = verify(path)
         assert not report.ok and "NOT proved" in str(report)
 
 

@@ -27,7 +27,7 @@ def flow(q, u, v, t):
 ROBOTS = {
     "a disk that passes": {},
     "not linear in the adversary": {"drift": None, "gain": None, "velocity": flow},
-    "bounds that depend on time": {"bounds": lambda u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
+    "bounds that depend on time": {"bounds": lambda q, u, t: np.stack([0.1 + 0.05 * np.sin(t), 0.1])},
     "a wind from a table": {"drift": lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1)},
     "a black box": {
         "drift": sdhj.BlackBox(
@@ -60,7 +60,7 @@ def test_an_adversary_that_does_not_enter_linearly(share, tmp_path):
     pairs = [(u, v) for along in ((2, 13), (12, 13), (13, 2), (13, 12)) for u, v in zip(along, (7, 11), strict=True)]
     results = range(len(lines), len(lines) + len(pairs))
     lines += [*(f"add {u} {v}" for u, v in pairs), " ".join(["return", *map(str, results)])]
-    with forged(path) as (told, _):
+    with forged(path, named=True) as (told, _):
         functions = told["formulas"]["functions"]
         del functions["drift"], functions["gain"]
         functions["velocity"] = {"coordinates": 2, "parameters": 3, "lines": lines}
@@ -77,7 +77,7 @@ def windy(tmp_path_factory):
 @pytest.mark.parametrize("forgery", [name for name in FORGERIES if name != "too short"])
 def test_a_forged_table_is_refused(forgery, windy, tmp_path):
     path = shutil.copy(windy, tmp_path / "forged.h5")
-    with forged(path) as (_, arrays):
+    with forged(path, named=True) as (_, arrays):
         old = arrays["tables/0"][()]
         del arrays["tables/0"]
         FORGERIES[forgery](arrays, "tables/0", old)
@@ -90,7 +90,7 @@ def test_a_forged_table_is_refused(forgery, windy, tmp_path):
 
 def test_tables_of_another_file_are_refused(windy, tmp_path):
     path = shutil.copy(windy, tmp_path / "forged.h5")
-    with forged(path) as (_, arrays):
+    with forged(path, named=True) as (_, arrays):
         del arrays["tables"]
         arrays["tables"] = h5py.ExternalLink("other.h5", "tables")
     with pytest.raises(ValueError, match="tables must be in the file itself"):

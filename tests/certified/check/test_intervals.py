@@ -146,7 +146,8 @@ def test_a_point_stays_narrow(name, rng):
     count, rule = RULES[name]
     operands = [(x := rng.uniform(0.1, 0.9, 1000), x) for _ in range(count)]
     low, high = sure(*rule(*operands))
-    assert (high - low <= 40 * np.spacing(np.maximum(np.abs(low), np.abs(high)))).all() and (low < high).all()
+    assert (high - low <= 40 * np.spacing(np.maximum(np.abs(low), np.abs(high)))).all()
+    assert ((low < high) | (name == "add")).all()  # twice a number is exact
 
 
 def test_closed_forms():

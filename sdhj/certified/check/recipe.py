@@ -1,0 +1,97 @@
+"""Whether the recipe of a case study, of which an arm's claims are, makes the robot that its file describes.
+
+Numbers are compared with those of the recipe, and the formulas of the sets, at some states, with distances worked out
+here: the digest of a file is of what its head describes, and the proof of what its recipe says.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.described import Functions, Grid, Velocity
+from sdhj.certified.check.reading import expect
+
+CLOSE = 1e-9  # m, rad, m/s: more than rounding makes of numbers up to 100 (`refuse_large`)
+STATES = 300
+
+
+def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> None:
+    """ValueError where what the head describes is not the arm of the recipe that a scene was made of."""
+    given, grid, functions = scene.given, Grid(head["grid"]), Functions(head, arrays, None)
+    inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
+    upper = np.array([np.pi, np.pi, box, box])
+    same = (head["delta"], head["steps"]) == (given["delta"], given["steps"]) and grid.ndim == 4
+    same = same and near(head["inputs"], inputs) and near(grid.upper, upper) and near(grid.lower, -upper)
+    same = same and grid.periodic.tolist() == [True, True, False, False] and grid.ends[2:] == (("wall",) * 2,) * 2
+    expect(same, "numbers of the head must be those of its recipe", given)
+    moves, still = Velocity(functions, head["inputs"], grid), np.zeros((1, 4))
+    push = np.array([float(scene.push(axis)) for axis in range(4)])
+    for j, u in enumerate(inputs):
+        ends = moves.bounds(j, still, still, (0.0, 0.0), True)
+        same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))
+    same = same and not moves.timed and not any(one.reads("x") for one in moves.all)
+    expect(same, "velocities of the head must be those of its recipe", given)
+    target, unsafe = functions.parts(head["sets"], 4)
+    own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
+    own += [lambda q, t: arm_to(q, q[:, 2:], scene) - (given["pursuer_radius"] + given["half_width"])] * chased(scene)
+    parts: list[Any] = [target, *unsafe]
+    expect(target is not None and len(unsafe) == len(own), "sets of the head must be those of its recipe", len(unsafe))
+    states: Array = np.random.default_rng(0).uniform(-upper, upper, (STATES, 4))
+    for part, value in zip(parts, (lambda q, t: goal(q, t, scene), *own), strict=True):
+        for t in np.linspace(0.0, given["delta"] * given["steps"], 5).tolist():
+            least, most = part.function.bounds(*[states[:, list(part.axes)]] * 2, (t, t))
+            same = near(least[:, 0], value(states, t)) and near(most[:, 0], value(states, t))
+            expect(same, f"the set {part.name} of the head must be that of its recipe", t)
+
+
+def near(one: Any, other: Any) -> bool:
+    one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    return one.shape[-1:] == other.shape[-1:] and one.size == other.size and bool((np.abs(one - other) < CLOSE).all())
+
+
+def chased(scene: Any) -> bool:
+    return bool(scene.agent == "pursuer")
+
+
+def joints(q: Array, scene: Any) -> tuple[Array, Array]:
+    """Elbow and tip of the arm at states (M, 4), both (M, 2)."""
+    first, second = scene.given["lengths"]
+    turned = q[:, 1] + q[:, 0] * (scene.given["kinematics"] == "relative")
+    elbow = first * np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])], axis=1)
+    if scene.given["kinematics"] == "relative":
+        return elbow, elbow + second * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    return elbow, (first + second) * np.stack([np.cos(turned), np.sin(turned)], axis=1)
+
+
+def arm_to(q: Array, places: Array, scene: Any) -> Array:
+    """Distance of places (M, 2) from the arm's links at states (M, 4): (M,)."""
+    elbow, tip = joints(q, scene)
+    return np.minimum(to_link(0.0 * elbow, elbow, places), to_link(elbow, tip, places))
+
+
+def to_link(begin: Array, end: Array, places: Array) -> Array:
+    """Distance of places from links, all (M, 2)."""
+    along = end - begin
+    share = ((places - begin) * along).sum(axis=1) / (along**2).sum(axis=1)
+    return np.asarray(np.hypot(*(begin + np.clip(share, 0.0, 1.0)[:, None] * along - places).T))
+
+
+def centre(disk: Array, t: float) -> Array:
+    """Where a disk, as `separation.disk_at` reads it, is at a time, (2,)."""
+    x, y, vx, vy, radius, rate, phase, _ = disk
+    return np.array([x + vx * t + radius * np.cos(rate * t + phase), y + vy * t + radius * np.sin(rate * t + phase)])
+
+
+def obstacles(q: Array, t: float, scene: Any) -> Array:
+    """The least distance of the arm from an obstacle: (M,)."""
+    each = [arm_to(q, centre(disk, t) + 0.0 * q[:, 2:], scene) - disk[7] for disk in scene.disks]
+    return np.asarray(np.min(each, axis=0))
+
+
+def goal(q: Array, t: float, scene: Any) -> Array:
+    """How far the tip is outside the target: (M,)."""
+    at = centre(scene.goal, t) if chased(scene) else q[:, 2:]
+    return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.goal[7])

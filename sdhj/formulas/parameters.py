@@ -1,0 +1,70 @@
+"""What the parameters of a user's function are: the first is the state, the others are known by their names.
+
+So a first parameter that has the name of another is read in two ways, and such a function is refused.
+"""
+
+import inspect
+from collections.abc import Sequence
+from typing import Any
+
+NAMES = {"u": "the input", "v": "the disturbance", **dict.fromkeys(("t", "t0", "t1"), "the time")}
+STATES = ("points", "q", "x", "p", "state", "states")  # what is called so is no input, disturbance or time
+
+
+def parameters_of(
+    name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
+) -> list[inspect.Parameter]:
+    """The positional parameters of a function of the state and then of some that are `known`.
+
+    ValueError, with both readings, where the first has the name of another; and where one of these names can only be
+    given as a keyword, which nobody does.
+    """
+    every = signature.parameters.values()
+    places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    given = getattr(function, "keywords", {})  # by a partial
+    if lost := [p.name for p in every if p.kind is p.KEYWORD_ONLY and p.name in known and p.name not in given]:
+        raise ValueError(f"{name} of {signature} never gets {lost[0]}, which stands behind the *: leave the * out")
+    if places and (first := places[0].name) in NAMES:
+        rest = [p.name for p in places[1:] if p.name in known]
+        both = [one for one in known if one in (first, *rest)]
+        state, other = (f"({', '.join(['q', *one])})" for one in (rest or known[:1], both or known))
+        instead = f"write {other}, with the state before it"
+        if first not in known:
+            instead = f"write {other}, which does not depend on it"
+            instead = "only a velocity depends on it, as velocity(q, u, v)" if first == "v" else instead
+        raise ValueError(
+            f"{name} is a function of {signature}, and its first parameter is the state, whatever it is called; but "
+            f"{first} is the name of {NAMES[first]}. If it is the state, write {state}; if it is {NAMES[first]}, "
+            f"{instead}"
+        )
+    return places
+
+
+def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
+    """Raise ValueError unless a function takes `first`, states or boxes of them, and then `rest`, all by position.
+
+    A parameter that has a known name in the place of another, or a default, was meant to be something else.
+    """
+    takes = (*first, *rest)
+    expected = f"{name} must be a function of ({', '.join(takes)})"
+    if not callable(function):
+        raise ValueError(f"{expected}, got {function!r}")
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some compiled functions have none
+        return
+    places = parameters_of(name, function, signature, rest)
+    try:
+        signature.bind(*takes)
+    except TypeError:
+        raise ValueError(f"{expected}, got a function of {signature}") from None
+    for place, (wanted, given) in enumerate(zip(takes, places, strict=False)):
+        other = given.name in NAMES or (
+            place >= len(first) and (given.name in STATES or given.default is not given.empty)
+        )
+        if place and given.name != wanted and other:
+            raise ValueError(
+                f"{expected}, got a function of {signature}, whose {given.name} would be {wanted}: the first parameter "
+                f"is the state, whatever it is called, and what stands in the place of {wanted} is {wanted}; call it "
+                "so, and let what has a default stand last"
+            )

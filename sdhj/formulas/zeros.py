@@ -1,0 +1,77 @@
+"""Zeros have signs to NumPy, and of all that a formula may do arctan2 alone tells them apart: pi and -pi, 0 and pi.
+
+Where y or x is 0 on a line or at a point only, a formula has an answer for both signs, as they come, and its bounds
+hold all. Where y is 0 in a whole region, as np.maximum(y, 0.0) is, the sign is that of a computed zero, of which
+formulas keep no account: they add no zeros, and 0 times x is 0 to them. `signs` says whether there can be such a
+region, and which sign is beyond doubt there.
+
+While a function is traced the constant `UNSURE` stands in place of 0 where a zero may be -0.0; no formula has it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.graph import Node, constant, interned, ordered, rebuilt
+from sdhj.formulas.narrowing import ZERO
+from sdhj.kernels import FloatArray
+
+UNSURE = interned("const", (), -0.0)
+TRUTHS = ("less", "lesseq", "equal", "and", "or", "not")
+CHOICES = {"max": (0, 1), "min": (0, 1), "where": (1, 2)}  # the operands of which one is the result
+CHOOSING = {*CHOICES, *TRUTHS, "abs", "floor", "sign", "mod", "share", "gridded", "arctan2"}
+KEPT = {"x", "p", "const", "add", "sub", "mul", "div", "neg", "abs", "sqr", "sqrt", "floor"}  # NumPy's signs of zeros
+MOST_CHOSEN = 256  # ways to choose that are tried
+POINTS = 64  # at which each is tried, half of them within 1 and half within 10
+Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
+
+
+def is_negative(value: Any) -> bool:
+    """Whether a number is -0.0."""
+    return isinstance(value, float) and value == 0.0 and math.copysign(1.0, value) < 0
+
+
+def unsigned(outputs: Sequence[Node]) -> list[Node]:
+    """The same with 0 in place of `UNSURE`."""
+    return rebuilt(outputs, {UNSURE: ZERO}.get) if UNSURE in ordered(outputs) else list(outputs)
+
+
+def signs(one: Node, values: Values) -> set[float]:
+    """Which signs the zeros of a node may have, 1 and -1, that are more than a line or a point.
+
+    Between its choices a node is smooth, so it is 0 in a region only where it is so at random points, whichever way it
+    is chosen. Nothing is said of nodes with more than `MOST_CHOSEN` ways.
+    """
+    if one.op != "const" and not any(each.op in CHOOSING for each in ordered([one])):
+        return set()
+    ways = _ways(one)
+    found = values(ways) if len(ways) <= MOST_CHOSEN else np.ones((0, 1))
+    zero = found == 0.0
+    doubtful = any(
+        row.any() and any(e.op not in KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False)
+    )
+    return {1.0, -1.0} if doubtful else set(np.copysign(1.0, found[zero]).tolist())
+
+
+def _ways(one: Node) -> list[Node]:
+    """What a node may be, one for each way to choose, neither simplified nor rounded; too many are left out."""
+    found = dict[Node, list[Node]]()
+    for each in ordered([one]):
+        if each.op in CHOICES:
+            ways = [way for place in CHOICES[each.op] for way in found[each.args[place]]]
+        elif each.op in TRUTHS:
+            ways = [ZERO, constant(1.0)]
+        else:
+            operands = product(*(found[arg] for arg in each.args))
+            ways = [
+                interned(each.op, args, each.value) for args, _ in zip(operands, range(MOST_CHOSEN + 1), strict=False)
+            ]
+            if each.op == "floor":
+                ways.append(ZERO)
+            if each.op == "gridded" and (each.value.values == 0.0).any():
+                ways.append(UNSURE if np.signbit(each.value.values[each.value.values == 0.0]).any() else ZERO)
+        found[each] = list(dict.fromkeys(ways))[: MOST_CHOSEN + 1]
+    return found[one]

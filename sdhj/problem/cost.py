@@ -1,0 +1,141 @@
+"""What a solve costs, which is counted by a model before it begins, and how far it has come.
+
+An *operation* is what one stage of a PDE, or four looks at neighbours for a maximum, do to one node for one input: it
+takes a core 1 to 3 ns (`figures/bench.py` measures what a second buys). A solve takes so many of them:
+
+    tubes x (reach games + marks) + avoid games,
+
+with N tubes where nothing depends on time, and N (N + 1) / 2 where anything does: each step then has its own, for each
+number of steps to go. A game takes nodes x inputs x time steps x stages; there are as many time steps as the CFL
+condition asks for, a number that grows with the cells that the state crosses in an interval.
+"""
+
+import math
+from collections.abc import Callable
+from contextvars import ContextVar
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+MOST_OPERATIONS = 1e13  # some hours on two cores
+CALL = 10_000.0  # operations that take as long as calling a kernel does
+ENDLESS_STEPS = 100  # steps that are counted where a problem has no number of steps
+
+
+class Cost(NamedTuple):
+    """What a solve costs, by a model: see `sdhj.problem.cost`.
+
+    Attributes
+    ----------
+    operations : float
+        Of the whole solve. Of a problem without a number of steps: of 100 of them.
+    nbytes : int
+        Upper estimate of the memory at its peak, in bytes.
+    tubes : int
+        How many are solved.
+    once : float
+        Operations before the first tube: avoid games.
+    crossed : float
+        How many cells the state crosses in an interval, at most, along all axes together.
+    why : str
+        What multiplies what, in words.
+    """
+
+    operations: float
+    nbytes: int
+    tubes: int
+    once: float
+    crossed: float
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.operations:.2g} operations and {self.nbytes / 1e9:.2g} GB of memory: {self.why}"
+
+
+class Stated(Exception):
+    """The cost is stated, and no more was asked for."""
+
+
+class Meter:
+    """What a solve within it tells: `begin`, then `tick` as often as it likes, and `tube` after each tube.
+
+    A progress bar shows it, in operations; in tubes where the method does not say what it costs.
+
+    name : of the bar.
+    hidden : whether there is none.
+    most : operations that are allowed.
+    only_stated : whether the solve ends where it would begin, with `Stated`.
+    """
+
+    def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
+        self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
+        self.cost: Cost | None = None
+        self.bar: Any = None
+        self.each, self.until, self.at = 1, 0, 0
+
+    def __enter__(self) -> "Meter":
+        self.token = METER.set(self)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        METER.reset(self.token)
+        if self.bar is not None:
+            self.bar.close()
+
+    def begin(self, cost: Cost | None, endless: bool) -> None:
+        """State the cost; ValueError if it is more than is allowed."""
+        self.cost = cost
+        if self.only_stated:
+            raise Stated
+        if cost is None:
+            self.bar = tqdm(desc=self.name, unit="tube", disable=self.hidden)
+            return
+        if cost.operations > self.most:
+            raise ValueError(
+                f"this solve takes about {cost.operations:.1e} operations, and {self.most:.1e} are allowed (1e13 are "
+                f"some hours on two cores): in an interval the state crosses up to {cost.crossed:,.0f} cells, and "
+                f"there are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer "
+                f"nodes, or allow more by solve(..., operations={1.1 * cost.operations:.1e})"
+            )
+        self.until = round(cost.once)  # whole numbers, which add up
+        self.each = round((cost.operations - cost.once) / max(cost.tubes, 1))
+        total = None if endless else self.until + cost.tubes * self.each
+        self.bar = tqdm(desc=self.name, total=total, unit="op", unit_scale=True, disable=self.hidden)
+        self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB")
+
+    def tick(self, operations: float) -> None:
+        """So many operations are done, of the avoid games or of the tube at hand: at most what was counted."""
+        if (more := min(round(operations), self.until - self.at)) > 0:
+            self.at += more
+            self.bar.update(more)
+
+    def tube(self) -> None:
+        """All that was counted so far is done, and the next tube begins."""
+        if self.bar is None:  # of sets that state nothing
+            self.begin(None, True)
+        self.tick(self.until - self.at)
+        self.until += self.each
+
+
+def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
+    """What makes a solve of a problem long, in words: so many tubes of so many nodes or cells, and why so many."""
+    moving = [repr(part.name) for part in (problem.target, *problem.unsafe) if part.moving]
+    moving += ["the dynamics"] * problem.dynamics.timed
+    depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
+    why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
+    return f"{tubes:,} tubes{why} of {size:,} {what} for {len(problem.inputs)} inputs"
+
+
+METER: ContextVar[Meter | None] = ContextVar("METER", default=None)
+
+
+def begin(cost: Callable[[], Cost | None], endless: bool = False) -> None:
+    """Tell the meter, if there is one, what a solve costs; None if that is not known."""
+    if (meter := METER.get()) is not None:
+        meter.begin(cost(), endless)
+
+
+def tick(operations: float) -> None:
+    """Tell the meter of operations that were done."""
+    if (meter := METER.get()) is not None:
+        meter.tick(operations)

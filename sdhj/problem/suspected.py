@@ -1,0 +1,117 @@
+"""What a problem may have got wrong without being invalid: a sign, or the unit or the ends of an angle."""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
+
+TURNS = {"radians": 2.0 * math.pi, "degrees": 360.0}
+MOST_TURNS = 4  # of an axis in radians; from 30 degrees on an axis in degrees has more
+TRIED_STATES = 100  # at which functions are compared with themselves a turn on
+ALIKE = 1e-9  # relative to the values, or absolute below one
+
+
+def suspicions(problem: ReachAvoidProblem) -> Iterator[str]:
+    """Sentences about what is unusual in a problem, each with what to do if it was not meant."""
+    yield from _turned_target(problem)
+    for axis in range(problem.grid.ndim):
+        yield from _angle(problem, axis)
+
+
+def _turned_target(problem: ReachAvoidProblem) -> Iterator[str]:
+    """A target that is all but a bounded region: the sign of its level-set function may be turned."""
+    grid = problem.grid.subgrid(problem.target.axes)
+    if problem.stays or all(grid.periodic):
+        return
+    inside = problem.target.level_set(grid.points(), problem.time(0)).reshape(grid.shape) <= 0
+    ends = [inside.take(end, axis) for axis in range(grid.ndim) if not grid.periodic[axis] for end in (0, -1)]
+    if 0.5 < (share := grid.fraction(inside)) and not inside.all() and all(end.all() for end in ends):
+        yield (
+            f"the target {problem.target.name!r} is all but a region in the midst of its axes, {share:.1%} of them: a "
+            "level-set function is negative inside the target; if that region was meant, turn the sign"
+        )
+
+
+def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[str]:
+    """An axis whose functions are those of an angle, but not its ends, its unit or its rates."""
+    grid = problem.grid
+    length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
+    if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, axis, TURNS["radians"]):
+        yield (
+            f"the functions of the problem repeat every 2 pi along {name}, which has {length / 2 / math.pi:.3g} turns "
+            f"from {grid.lower[axis]:g} to {grid.upper[axis]:g}: if it is in degrees, convert it by np.deg2rad where "
+            "it enters a sine or cosine"
+        )
+    for unit, turn in TURNS.items():
+        if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, axis, turn):
+            continue
+        if grid.unsaid and not grid.periodic[axis]:
+            yield (
+                f"the axis {name} is a whole turn, after which the functions of the problem repeat, but it has ends, "
+                f"beyond which the robot has failed: if it is an angle, give periodic=, True for {name}; if it has "
+                'stops, give ends="unsafe" or "wall"'
+            )
+        if (turns := _fastest(problem, axis) * problem.delta / turn) > 1:
+            yield (
+                f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: its rates "
+                f"have to be in {unit} per second, and delta in seconds"
+            )
+
+
+def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
+    """The greatest speed along an axis at some states."""
+    states = _states(problem)
+    found = [np.abs(function(states)[:, axis]).max() for function in _velocities(problem)]
+    return float(np.max(found))
+
+
+def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
+    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it.
+
+    Of a black box nothing is known off the grid.
+    """
+    if problem.opaque:
+        return False
+    states, depends = _states(problem), False
+    further, elsewhere = states.copy(), states.copy()
+    further[:, axis] += turn
+    elsewhere[:, axis] = np.roll(states[:, axis], 1)
+    for function in _functions(problem, axis):
+        try:
+            here, there, other = function(states), function(further), function(elsewhere)
+        except (ValueError, ArithmeticError):  # undefined a turn on
+            return False
+        scale = 1.0 + np.abs(here)
+        if (np.abs(there - here) > ALIKE * scale).any():
+            return False
+        depends |= bool((np.abs(other - here) > ALIKE * scale).any())
+    return depends
+
+
+def _states(problem: ReachAvoidProblem) -> FloatArray:
+    grid = problem.grid
+    return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
+
+
+def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
+    """The velocities under all inputs, and the level-set functions of sets on an axis, each of states (M, ndim)."""
+    yield from _velocities(problem)
+    for part in (*problem.unsafe, *(() if problem.stays else (problem.target,))):
+        if axis in part.axes:
+            yield partial(_level, problem, part)
+
+
+def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
+    """Under each input, and the adversary at a vertex of its box: (M, ndim) of states (M, ndim)."""
+    t, dynamics = problem.time(0), problem.dynamics
+    for j in range(len(problem.inputs)):
+        yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
+
+
+def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
+    return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid

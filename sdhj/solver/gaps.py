@@ -1,0 +1,119 @@
+"""Whether the tubes of a problem may be separate pieces that a grid does not keep apart.
+
+Under input u_j a target S is reached from S less what the disturbance undoes, moved back by the displacement d_j: a
+copy of S for each input, thinner than S by what the disturbance pushes. Copies whose neighbours are farther apart than
+they are thick leave gaps. The equations keep gaps open, but errors of the scheme close them: at each step the edges of
+a gap move inwards by a part of a cell, and only what the disturbance pushes moves them back. It has to push a cell in
+an interval where reach sets are computed by a shift or a formula, and eight by differences, which smear all the way.
+"""
+
+import math
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem, beside
+
+ENOUGH = {True: 1.0, False: 8.0}  # cells, if shifted and by differences: .001 to .002 of a line of gaps is wrong there
+PARTS = 16  # of a displacement, at whose ends the target is asked
+MOST_PAIRS = 5_000  # pairs of displacements at most
+MIDDLES = 64  # of the middle of the target, with other coordinates drawn at random
+LARGEST = 2**22  # nodes of a target that is looked at
+RARE = 0.1  # of the states in the middle of the target: fewer may be a corner of it
+
+
+def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
+    """What helps where tubes may be separate pieces and the grid is too coarse to keep them apart; else empty.
+
+    shifted : whether reach sets are computed by a shift or a formula, and not by differences.
+    """
+    grid, axes = problem.grid, list(problem.target.axes)
+    if problem.stays or grid.subgrid(axes).size > LARGEST:
+        return ""
+    found: dict[int, float] = {}  # by the axis along which there are gaps, how far the disturbance pushes
+    for step in (0, problem.most_steps // 2, problem.most_steps) if problem.target.moving else (0,):
+        for axis, push in _apart(problem, step).items():
+            found[axis] = min(push, found.get(axis, math.inf))
+    cells = {axis: push / grid.spacing[axis] for axis, push in found.items()}
+    short = [axis for axis in cells if cells[axis] < ENOUGH[shifted] * (1 - 1e-9)]
+    if not short:
+        return ""
+    known, nodes = " and ".join(grid.names[axis] for axis in short), []
+    for axis in short:
+        if found[axis] > 0:
+            length = grid.upper[axis] - grid.lower[axis]
+            least = math.ceil(length * ENOUGH[shifted] / found[axis] * (1 - 1e-9)) + (not grid.periodic[axis])
+            nodes.append(f"{least:,} nodes along {grid.names[axis]}")
+    pushes = " and ".join(f"{cells[axis]:.2g}" for axis in short)
+    lax = "sdhj.HopfLax(), which needs fewer nodes; " if not shifted and problem.dynamics.stateless else ""
+    return (
+        f"The tubes may be separate pieces along {known}, because a step is longer than the target is thick, and the "
+        f"grid fills the gaps between them: the disturbance pushes {pushes} cells in a step, and should push "
+        f"{ENOUGH[shifted]:g}. What helps: "
+        + (f"{' and '.join(nodes)}; " if nodes else "")
+        + f"{lax}a shorter delta, or slower inputs beside these, so that steps are shorter than the target is thick"
+    )
+
+
+def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
+    """The axes along which inputs lead past the target, and how far the disturbance pushes along each in a step."""
+    grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
+    some, rng = grid.subgrid(axes), np.random.default_rng(0)
+    middle = _middle(problem, some, t)
+    if not len(middle):
+        return {}
+    points = rng.uniform(grid.lower, grid.upper, (MIDDLES if count < MIDDLES else MIDDLES // 16, grid.ndim))
+    points[:, axes] = middle[rng.permutation(len(middle))[np.arange(len(points)) % len(middle)]]
+    interval = problem.interval(min(step, problem.most_steps - 1))
+    low, high = (end[..., axes] for end in interval.reachable(points))
+    push = np.broadcast_to(((high - low) / 2).max(axis=1), (len(points), len(axes)))
+    moves = np.zeros((len(points), 1 + count, len(axes)))  # the first is that of the target itself
+    moves[:, 1:] = interval.displacements(points)[..., axes]
+    state, one, other = _pairs(moves / some.spacing, rng)
+    e, centres = moves[state, other] - moves[state, one], points[state][:, axes]
+    length = np.abs(e) / some.spacing
+    along = (length > 0) & (length >= length.max(axis=1, keepdims=True) / 2)
+    taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
+    taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
+    longer = e * (1.0 + taken_off)[:, None]
+    alone = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t) < 1.0
+    if len(np.unique(state[alone])) < RARE * len(points):
+        return {}
+    hit = along & alone[:, None]
+    return {axis: float(push[state[hit[:, i]], i].min()) for i, axis in enumerate(axes) if hit[:, i].any()}
+
+
+def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Neighbours among moves (M, K, axes): (pairs,) rows, and the places of the two of a pair, ascending.
+
+    Two are neighbours if no third is nearer to both than they are to each other (Toussaint 1980).
+    """
+    apart = np.sqrt(((moves[:, :, None] - moves[:, None]) ** 2).sum(axis=3))
+    far = np.triu(apart > 0)
+    for third in range(moves.shape[1]):
+        far &= np.maximum(apart[:, :, third, None], apart[:, None, third]) >= apart * (1 - 1e-9)
+    found = np.argwhere(far)
+    some = found[np.sort(rng.permutation(len(found))[:MOST_PAIRS])]
+    return some[:, 0], some[:, 1], some[:, 2]
+
+
+def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
+    """States (M, axes) at the nodes in the target that are as deep in it as all around them."""
+    values = problem.target.level_set(some.points(), t).reshape(some.shape)
+    deepest = values
+    for axis in range(some.ndim):
+        deepest = np.minimum.reduce([deepest, *(beside(some, deepest, axis, by, np.inf) for by in (-1, 1))])
+    inside = np.argwhere((values <= 0) & (values == deepest))
+    return np.array(some.lower) + inside * some.spacing
+
+
+def _way(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
+    """How far the target goes on from states (M, axes) in it along e (M, axes), as a share of e, at most 1; (M,)."""
+    grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
+    points = centres[:, None] + shares[:, None] * e[:, None]
+    values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(e), len(shares))
+    first = np.where((values > 0).any(axis=1), (values > 0).argmax(axis=1), len(shares) - 1)
+    rows = np.arange(len(e))
+    inner, outer = np.minimum(values[rows, first - 1], 0.0), np.maximum(values[rows, first], 0.0)
+    return (first - 1 + inner / np.where(outer > inner, inner - outer, -1.0)) / PARTS

@@ -1,0 +1,165 @@
+"""Why a state is in a tube of a table, or is not: the answer of `explain`, and how tables on a grid give it."""
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import states_array
+
+SHOWN = 6  # inputs
+INSTANTS_TRIED = 21  # instants of an interval at which is looked for what an input comes near
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why one input does not keep the promise of a tube.
+
+    Attributes
+    ----------
+    input : int
+    by : str
+        The unsafe set or the end of an axis that the state may meet; "image" if what it may lead to is not all in the
+        next tube; "marks" if only the look at the nodes around or at the true sets refuses it.
+    short : float
+        By how much, as a number below 0. On a grid the level-set value, turned; for a certified table the least that
+        the set's level-set function may be, the way past the end, or the share of the image's cells not certified.
+    says : str
+        The same in words.
+    """
+
+    input: int
+    by: str
+    short: float
+    says: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The answer of `table.explain`; `str()` gives it in words.
+
+    Attributes
+    ----------
+    inside : bool
+        Whether the state is in the tube.
+    says : str
+        What is true of the state as a whole.
+    failures : tuple of Failure
+        One for each input that does not keep the promise, the nearest to doing so first.
+    helps : tuple of str
+        What may let the nearest input do so.
+    """
+
+    inside: bool
+    says: str
+    failures: tuple[Failure, ...] = ()
+    helps: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
+        rest = len(self.failures) - SHOWN
+        lines += [f"  and {rest} more inputs"] if rest > 0 else []
+        return "\n".join([self.says, *lines, *(["What may help: " + "; ".join(self.helps)] if self.helps else [])])
+
+
+def entry_named(table: Any, step: int, within: int) -> str:
+    """A tube of a table in words."""
+    if table.details.get("endless") and table.problem.stays:
+        return "for ever"
+    return f"for step {step} with {within} step{'s' * (within != 1)} to go"
+
+
+def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
+    """What the level-set functions themselves say against a state (1, ndim); empty if nothing."""
+    problem = table.problem
+    if table.grid.beyond(state, "unsafe", "wall", "safe")[0]:
+        return "The state is off the grid."
+    for part in problem.unsafe:
+        if (value := problem.value_of(part, state, problem.time(step))[0]) <= 0:
+            return f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
+    if within == 0 and not problem.stays and (value := problem.target_value(state, problem.time(step))[0]) > 0:
+        return f"The state is not in the target, whose level there is {value:.3g} > 0."
+    return ""
+
+
+def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
+    """See `sdhj.table.batches.Table.explain`."""
+    step, within = table.clipped(step, within)
+    state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
+    if says := refuted(table, state, step, within):
+        return Explanation(False, says)
+    entry, value = entry_named(table, step, within), table.values_at(state[None], step, np.array([within]))[0, 0]
+    inside = bool(table.contains(state, start=step, within=within)[0])
+    says = f"In the tube {entry}: its level there is {value:.3g}."
+    if not inside:
+        says = f"Not in the tube {entry}: its level there is {value:.3g} > 0."
+        if value <= 0:
+            says = f"Not in the tube {entry}: not all states that the measurement may stand for are."
+    if within == 0 or step == table.steps:
+        return Explanation(inside, says)
+    low, high = table.problem.interval(step).reachable(state)
+    margins = _margins(table, state, low[0], high[0], step, within - 1)
+    hazards, batch = table.hazards(state, step)[0], table.batch(state, step, within)
+    safe = batch.safe[0] & (batch.left[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
+    failures = [
+        _failure(table, state, j, step, within - 1, hazards[j], margins[j], low[0, j], high[0, j])
+        for j in np.flatnonzero(~safe).tolist()
+    ]
+    failures.sort(key=lambda one: (one.by not in ("image", "marks"), -one.short))
+    if safe.any():
+        says += f" Safe inputs: {np.flatnonzero(safe).tolist()}."
+    longer = [n for n in range(within + 1, table.steps - step + 1) if table.contains(state, start=step, within=n)[0]]
+    helps = (f"more time: the tube within {longer[0]} steps has the state",) if longer and not inside else ()
+    return Explanation(inside, says, tuple(failures), helps)
+
+
+def _margins(table: Any, state: FloatArray, low: FloatArray, high: FloatArray, step: int, left: int) -> FloatArray:
+    """The largest value of the next tube, `left` steps to go, at ends and middles of the boxes (L, ndim): (L,)."""
+    sides = np.array(list(product((0.0, 0.5, 1.0), repeat=state.shape[1])))
+    points = table.grid.clipped(state + low[:, None] + sides * (high - low)[:, None])
+    return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
+
+
+def _failure(
+    table: Any,
+    state: FloatArray,
+    j: int,
+    step: int,
+    left: int,
+    hazard: float,
+    margin: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> Failure:
+    if hazard > 0:
+        name, when = _nearest(table, state, low, high, step)
+        says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
+        return Failure(j, name, -float(hazard), says)
+    if margin > 0:
+        next_tube = entry_named(table, step + 1, left)
+        says = f"it may lead out of the tube {next_tube}, whose level reaches {margin:.3g} > 0"
+        return Failure(j, "image", -float(margin), says)
+    says = "the nodes around the state do not all mark it, or it comes too near a true set between them"
+    return Failure(j, "marks", -0.0, says)
+
+
+def _nearest(table: Any, state: FloatArray, low: FloatArray, high: FloatArray, step: int) -> tuple[str, float]:
+    """The unsafe set or the end of an axis that an input comes nearest to, and after how many seconds.
+
+    It is looked for on the lines from the state to the corners of the box in which the input may end.
+    """
+    problem, grid = table.problem, table.grid
+    corners = np.array(list(product((0.0, 1.0), repeat=grid.ndim)))
+    best = np.inf, "the unsafe ends of the grid", 0.0
+    for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
+        points, t = state + s * (low + corners * (high - low)), problem.time(step) + s * problem.delta
+        for part in problem.unsafe:
+            level = float(problem.value_of(part, grid.clipped(points), t).min())
+            best = min(best, (level, part.name, s * problem.delta))
+        for name, least, most in zip(grid.names, *grid.faces("unsafe"), strict=True):
+            x = points[:, grid.names.index(name)]
+            best = min(best, (float((x - least).min()), f"the lower end of {name}", s * problem.delta))
+            best = min(best, (float((most - x).min()), f"the upper end of {name}", s * problem.delta))
+    return best[1:]
