@@ -151,14 +151,15 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
-    rows, planes, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.ghosts
+    rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
-    inner = out[:, layout.top : rows - layout.top]
-    inner[:, :, g:-g] = values.reshape(planes, layout.rows, layout.nodes)
-    inner[:, :, :g] = inner[:, :, -2 * g : -g] if layout.periodic else inner[:, :, g : g + 1]
-    inner[:, :, -g:] = inner[:, :, g : 2 * g] if layout.periodic else inner[:, :, -g - 1 : -g]
+    out[:, layout.top : rows - layout.top, g:-g] = values.reshape(planes, layout.rows, n)
+    lines = out.reshape(-1, layout.width)  # a column at a time: long loops
+    for o in range(g):
+        left, right = (n + o, g + o) if layout.periodic else (g, n + g - 1)
+        lines[:, o], lines[:, n + g + o] = lines[:, left], lines[:, right]
     for row in [*range(layout.top), *range(rows - layout.top, rows)]:
-        out[:, row] = inner[:, layout.source[row]]
+        out[:, row] = out[:, layout.source[row] + layout.top]
     return out.reshape((*grid.shape[:-2], rows, layout.width)[-grid.ndim :])
 
 
