@@ -304,9 +304,9 @@ def told(
     """What `sdhj_selftest` adds up, of each of the states (M, ndim) at a step; wanted (M,): numbers of inputs."""
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
-    to_go, safe, chosen = table.words.look(table, states, step, left if problem.stays else min(1, left), rule)
-    proved = table.words.look(table, states, step, left, None)[1]
-    clear = table.words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
+    to_go, safe, chosen = table._words.look(table, states, step, left if problem.stays else min(1, left), rule)
+    proved = table._words.look(table, states, step, left, None)[1]
+    clear = table._words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
     apart = squared_distances(problem.inputs, problem.inputs[wanted])
     apart[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, apart, np.inf).argmin(axis=1)

@@ -227,7 +227,7 @@ class CertifiedTable(Table):
 
         How clear is measured by the level-set functions where the input leads without an adversary; it proves nothing.
         """
-        clear = self.words.look(self, states, step, CLEAR, None)[1]
+        clear = self._words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
         near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
@@ -243,7 +243,7 @@ class CertifiedTable(Table):
         left = self.steps - step
         within = left if self.problem.stays else min(within, left)
         rule = "deepest" if scores is None else None
-        to_go, safe, best = self.words.look(self, states, step, within, rule)
+        to_go, safe, best = self._words.look(self, states, step, within, rule)
         if self.problem.stays:
             to_go[to_go >= 0] = left
         if scores is not None:
@@ -257,7 +257,7 @@ class CertifiedTable(Table):
         return (
             batch.best.copy()
             if rule == "deepest"
-            else self.words.look(self, batch.states, batch.step, batch.within, rule)[2]
+            else self._words.look(self, batch.states, batch.step, batch.within, rule)[2]
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
@@ -268,7 +268,7 @@ class CertifiedTable(Table):
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
-    def words(self) -> Words:
+    def _words(self) -> Words:
         """The words of the cells that were asked for."""
         return Words()
 
