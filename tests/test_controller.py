@@ -676,3 +676,26 @@ def test_a_batch_keeps_its_states() -> None:
     batch = controller.batch(states, 1)
     states *= -1  # as a closed loop may do that moves its states in place
     assert controller.choose(batch).tolist() == [0, 2]
+
+
+def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
+    """So many corners are looked at that a block of states is one of them, each with inputs that lead elsewhere."""
+    lower, upper = [-1.0] * 6, [1.0] * 6
+
+    def drift(q, u):
+        return np.stack([q[:, 3], q[:, 4], q[:, 5], u[0] - 0.5 * q[:, 0], u[1] - q[:, 1], -0.5 * q[:, 2]], axis=1)
+
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid(lower, upper, [5] * 6),
+        sdhj.Dynamics([[-2.0, 0.0], [0.0, 1.0], [2.0, 0.0]], drift, np.eye(6)[:, 3:5], [0.3, 0.1]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.abs(p).max(axis=1) - 0.8),
+        [],
+        0.3,
+        1,
+    )
+    table = sdhj.solve(problem, play=False)
+    states = rng.uniform(lower, upper, (60, 6))
+    together, alone = table.batch(states, 0), [table.batch(one[None], 0) for one in states]
+    assert (together.steps_to_go >= 0).sum() > 10
+    for field in ("steps_to_go", "safe", "margins", "best"):
+        np.testing.assert_array_equal(getattr(together, field), np.concatenate([getattr(one, field) for one in alone]))

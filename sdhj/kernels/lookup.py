@@ -434,7 +434,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
                 for axis in range(ndim):
                     for r in range(rows.size):
                         near[term, j, axis, r] = ends[term, j, axis, begin + r]
-    if near.shape[3] > 1 or begin == 0:
+    if played > 0 or ends.shape[3] > 1 or begin == 0:  # else one for all states; on six axes a block may be one state
         for r in range(min(rows.size, near.shape[3])):
             most = max(most, _hull(near, r, part(ints, floats, 1), hulls[r]))
     return most
