@@ -345,15 +345,15 @@ ANOTHER = {
     "only what was in the set": (STENCILS, "if has_bit(inside, bit) != keep:", "if False:", "cart"),
     "inputs that lead there": (
         STENCILS,
-        "out[m, j] = pool.size == 0 or image_inside(",
-        "out[m, j] = True or image_inside(",
+        "if out[m, j] and len(sets) > 0:",
+        "if False:",
         "line",
     ),
     "safe inputs": (
         STENCILS,
-        "if (safe[j >> 3] >> (j & 7)) & 1 and not out[m, j]:",
-        "if not out[m, j]:",
-        "beside a post",
+        "out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1",
+        "out[m, j] = ahead[m] > 0",
+        "cart",
     ),
     "all inputs": (STENCILS, "for j in range(out.shape[1]):", "for j in range(1):", "line"),
 }

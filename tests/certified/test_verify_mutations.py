@@ -130,7 +130,7 @@ MUTATIONS = {
         "low = rest[0]",
         FORMS,
     ),
-    "the part below a jump": (INTERVALS, "if side == 0 else (y[0],", "if True else (y[0],", EXACT),
+    "the part below a jump": (INTERVALS, "if side == 0 else (below,", "if True else (below,", EXACT),
     "the last of two laps": (INTERVALS, "(first, last)[side]", "first", EXACT),
     "all sides of jumps": (FORMULAS, "for sides in every[1:]", "for sides in every[2:]", "test_every_value_is_on"),
     "NaN in a comparison": (INTERVALS, "np.isnan(a[0]) | np.isnan(b[0])", "np.isnan(a[0])", "test_what_is_undefined"),
