@@ -362,12 +362,18 @@ ANOTHER = {
 WRONG = {
     "rounding of sums": (
         INTERVALS,
-        "return low - (abs(low) * share + less),",
-        "return low,",
+        "low = low if rest_low >= 0.0 else low - abs(low) * STEP",
+        "low = low",
         "hold_what_is_exact",
         "add",
     ),
-    "rounding of sums above": (INTERVALS, "high + (abs(high) * share + more)", "high", "hold_what_is_exact", "sub"),
+    "rounding of sums above": (
+        INTERVALS,
+        "high if rest_high <= 0.0 else high + abs(high) * STEP",
+        "high",
+        "hold_what_is_exact",
+        "sub",
+    ),
     "rounding of products": (
         INTERVALS,
         "low - (abs(low) * STEP + TINY), high +",

@@ -510,7 +510,7 @@ def test_a_run_answers_to_its_adversary_wherever_it_is(opened: Any) -> None:
     """The run is not put back to its start when it is shown, and each choice gives another picture."""
     cells = [
         "import sdhj\nfrom course.explore.runs import explore_run\nfrom course.paper import starts_of_runs\n"
-        "table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=4), progress=False)\n"
+        "table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=4), progress=False, play=False)\n"
         "starts = [list(map(float, q)) for q in starts_of_runs(table, 1, within=3)]",
         "explore_run(table, starts, rules=('deepest', 'effort'))",
     ]
