@@ -202,7 +202,6 @@ class Sets:
         self.layers = [*map(list, head.get("layers", [(0, 0)] * ndim))]
         whole = all(len(pair) == 2 and all(is_whole(n, 0, 1) for n in pair) for pair in self.layers)
         expect(whole and len(self.layers) == ndim, "layers must be 0 or 1 at both ends of each axis", self.layers)
-        expect(all(n - sum(pair) >= 1 for n, pair in zip(shape, self.layers, strict=True)), "there must be cells", shape)
         self.counts, packed = np.array(shape), math.prod(shape[rows:])
         self.index = array(arrays, "index", np.uint32, entries, math.prod(shape[:rows]))
         self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-packed // 64))

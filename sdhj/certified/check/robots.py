@@ -285,28 +285,19 @@ class Robot(Sets):
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
         """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
-        for axis, (_, width, least, most) in enumerate(self.axes):
+        for axis, (lower, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
-            if any(self.layers[axis]):  # the ends of a cell, in cells of full width but for layers
-                at, n = cells[:, axis], int(self.counts[axis])
-                first, last = self.place(axis, at + low) - self.edges[axis][at], self.place(axis, at + high + 1)
-                last = last - self.edges[axis][at + 1]
-                fits &= (at + low >= 0) | (self.layers[axis][0] == 0)
-                fits &= (at + high < n) | (self.layers[axis][1] == 0)
+            if any(self.layers[axis]):  # a layer's cells have no width, but what is past the wall counts as in it
+                own, begin = cells[:, axis], float(lower - self.layers[axis][0] * width)
+                first = begin + (own + low) * float(width) - self.edges[axis][own]
+                last = begin + (own + high + 1) * float(width) - self.edges[axis][own + 1]
             if self.periodic[axis] and self.known[axis]:  # cells need not be alike
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))
                 first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
             fits &= (first <= moved[0, :, axis] + sticks[axis]) & (moved[1, :, axis] <= last + sticks[axis])
         return fits
-
-    def place(self, axis: int, edge: Array) -> Array:
-        """Where the edges of such numbers are on an axis with layers, beyond an end without one as if it went on: (M,)."""
-        n, (low, width, *_), (lower, upper) = int(self.counts[axis]), self.axes[axis], self.layers[axis]
-        out: Array = float(low) + (edge - lower) * float(width)
-        out = np.where((edge <= lower) & (lower > 0), float(low), out)
-        return np.where((edge >= n - 1) & (upper > 0), self.edges[axis][-1], out)
 
     def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
