@@ -207,8 +207,12 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
     """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
     walls = [end == "wall" and not grid.periodic[axis] for end in grid.ends[axis]]
-    if not isinstance(layers, list | tuple) or [*layers] not in [[a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])]:
-        raise ValueError(f"layers must be 0 or 1 at each wall of axis {axis}, and 0 elsewhere, got {reprlib.repr(layers)}")
+    if not isinstance(layers, list | tuple) or [*layers] not in [
+        [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
+    ]:
+        raise ValueError(
+            f"layers must be 0 or 1 at each wall of axis {axis}, and 0 elsewhere, got {reprlib.repr(layers)}"
+        )
     lower, upper = map(int, layers)
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")

@@ -152,7 +152,9 @@ class CertifiedTable(Table):
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
             if spare[0] > 0:  # all of a box that is no wider than a layer's shell is in the layer
                 at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
-                for at_wall, layer, place in zip(at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True):
+                for at_wall, layer, place in zip(
+                    at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
+                ):
                     first, last = (np.where(at_wall & (layer > 0), place, one) for one in (first, last))
             held_in_boxes(first, last, cells, index, self.pool, answer)
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])

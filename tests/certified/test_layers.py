@@ -25,7 +25,9 @@ def lane(q, u):
 def blocked(steps=None, target=None, **given):
     """A car that cannot go back before something that blocks its lane from 50 to 52 m; m, m/s."""
     usual = {
-        "grid": sdhj.Grid([0, 0], [100, 15], (101, 16), ends=[("unsafe", "safe" if target is None else "unsafe"), "wall"]),
+        "grid": sdhj.Grid(
+            [0, 0], [100, 15], (101, 16), ends=[("unsafe", "safe" if target is None else "unsafe"), "wall"]
+        ),
         "dynamics": sdhj.Dynamics([[-BRAKES], [0.0], [2.0]], lane, [[0], [1]], [PUSH]),
         "unsafe": [sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 51) - 1, name="blocked")],
         "delta": 0.5,
@@ -139,14 +141,16 @@ def test_edges_and_shares_of_layers():
 
 
 def test_images_beside_layers_as_intervals_say():
-    """Whatever a cell comes to, clipped at the walls, is in the cells of its image; a layer only if all of it is there."""
+    """What a cell comes to, clipped at walls, is in the cells of its image; a layer only if all of it is there."""
     axis = CellAxis(Fraction(-1), (Fraction(3), Fraction(3)), Fraction(1, 2), False, (1, 1))
     rng, edges = np.random.default_rng(0), axis.edges()
     for _ in range(2000):
         cell = int(rng.integers(0, axis.count))
         low, high = np.sort(rng.choice([-9.0, -1.5, -0.5, 0.0, 0.25, 0.5, 1.7, 3.0, rng.uniform(-3, 3)], 2))
         begin, end = np.clip([edges[cell] + low, edges[cell + 1] + high], -1, 2)
-        first, last = (int(one[0]) + cell for one in axis.moved(np.array([cell]), begin - edges[cell], end - edges[cell + 1], True))
+        first, last = (
+            int(one[0]) + cell for one in axis.moved(np.array([cell]), begin - edges[cell], end - edges[cell + 1], True)
+        )
         assert edges[first] <= begin + 1e-12 and edges[last + 1] >= end - 1e-12 and first <= last
         assert (first == 0) == (end <= -1) and (last == axis.count - 1) == (begin >= 2)
         assert not (last - first) or (edges[first + 1] > begin and edges[last] < end)  # nor a cell more

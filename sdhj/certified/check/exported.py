@@ -125,7 +125,10 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
     """In what the exported table is of another one than the sets of a file."""
-    own, near = [*zip(sets.axes, sets.layers, strict=True)], np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near
+    own, near = (
+        [*zip(sets.axes, sets.layers, strict=True)],
+        np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
+    )
     periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),

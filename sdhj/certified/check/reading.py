@@ -210,7 +210,7 @@ class Sets:
 
     @cached_property
     def edges(self) -> list[Array]:
-        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number; both edges of a layer are its end."""
+        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number; those of a layer are its end."""
         out = []
         for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
             begin, end = float(low), float(low + (least + most) / 2)

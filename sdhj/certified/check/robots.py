@@ -144,9 +144,9 @@ class Robot(Sets):
             length = decimal(upper) - decimal(lower)
             ends.append((decimal(lower), length, length, length / 2**40 if periodic else Fraction(0)))
         wrong = self.uncovered(ends)
-        for axis, side in product(range(len(ends)), (0, 1)):
-            at_wall = grid.ends[axis][side] == "wall" and not grid.periodic[axis] and self.known[axis]
-            wrong += [] if at_wall or not self.layers[axis][side] else [f"axis {axis}: a layer where no wall holds"]
+        for k, side in product(range(len(ends)), (0, 1)):
+            at_wall = grid.ends[k][side] == "wall" and not grid.periodic[k] and self.known[k]
+            wrong += [] if at_wall or not self.layers[k][side] else [f"axis {k}: a layer where no wall holds"]
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
             free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
