@@ -1,0 +1,373 @@
+"""The game of Sec. 4.1 on a graphics card: what it takes to run the library's own kernels there, and how long they take.
+
+`python figures/gpu.py` plays the arm's case study at 25^4 and at 40^4 nodes by method "hji" on a card of NVIDIA's, by
+numba-cuda, and on the processor with several numbers of threads, and compares every mark. Differences, numerical
+Hamiltonians and interpolation are the functions of `sdhj.kernels`, compiled for the card as they stand; written here
+is what differs there: which thread does what, where arrays lie, and in which order the table is filled in. All sets of
+one row of the table, which depend on the row below alone, are solved abreast, and joined to one another in the end.
+
+The card adds and multiplies as the processor does once it is told not to fuse the two (`as_written`): the tables then
+agree to the last bit. Where no card is, NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1 simulate one, for few nodes.
+
+It is for problems in the moving frame without safe or unsafe ends, of which what moves depends on the leading axes.
+"""
+
+import functools
+import math
+import platform
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib import metadata
+from typing import Any
+
+import numba
+import numpy as np
+from numba import cuda
+
+import sdhj
+from sdhj.arm.case_studies import arm_case_study
+from sdhj.kernels import FloatArray
+from sdhj.kernels.boxes import over_interval
+from sdhj.kernels.compiling import choice, inlined
+from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _axes, _kept, _sum
+from sdhj.problem.boxes import Level, _leaves, _levels
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.games import HJIGames, Wall
+from sdhj.solver.schemes import STAGES, Scheme, layout_of, together
+from sdhj.table.table import LookupTable
+
+THREADS = 128  # of a block
+NEAR = 1e-6  # a mark of a value that near to zero may differ where additions are fused
+_inlined = inlined()
+
+
+# ---- what each thread of the card does: the nodes t, t + threads, ... of some sets, which lie one behind the other
+
+
+@_inlined
+def _source(t, layout):
+    """Plane, row and column of the node whose value belongs at place t of padded values: its own, or a ghost's."""
+    line = t // layout.width
+    column = t - line * layout.width - layout.ghosts
+    plane = line // (layout.rows + 2 * layout.top)
+    row = layout.source[line - plane * (layout.rows + 2 * layout.top)]
+    if layout.periodic:
+        return plane, row, (column + layout.nodes) % layout.nodes
+    return plane, row, min(max(column, 0), layout.nodes - 1)
+
+
+@cuda.jit
+def pad(out, values, layout, count):
+    """Values with ghost nodes, as `sdhj.kernels.stages.Layout` has them."""
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        plane, row, column = _source(t, layout)
+        out[t] = values[(plane * layout.rows + row) * layout.nodes + column]
+
+
+@cuda.jit
+def inner(out, padded, layout, count):
+    """Values without ghost nodes."""
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        line = t // layout.nodes
+        plane = line // layout.rows
+        row = line - plane * layout.rows + layout.top + plane * (layout.rows + 2 * layout.top)
+        out[t] = padded[row * layout.width + layout.ghosts + t - line * layout.nodes]
+
+
+@cuda.jit
+def stage(out, phi, shape, velocities, scheme, layout, step, count):
+    """As `sdhj.kernels.stages.stage`. A ghost node is computed like the node that it stands for, by another thread."""
+    (dt, keep), planes, zero = step, layout.near.shape[0], step[0] - step[0]
+    size = (layout.rows + 2 * layout.top) * layout.width
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        place, row, column = _source(t, layout)
+        first, plane = place // planes * planes * size, place % planes
+        start = first + (row + layout.top) * layout.width + column + layout.ghosts
+        c, node = phi[start + plane * size], np.uint64(0)
+        axes = _axes(shape, layout.near[plane], start, start - first + plane * size, velocities)
+        raised = c + dt * _sum(axes, zero, phi, velocities[0], scheme, c, node)
+        out[t] = _kept(keep, out[t]) + (type(dt)(1.0) - keep) * raised
+
+
+@cuda.jit
+def maxima(out, values, leaves, raised, count):
+    """As `maximum_of_intervals`, of each set: values (sets functions, A, n, B), out (sets leaves, A, nodes, B)."""
+    _, before, nodes, behind = out.shape
+    number, functions = leaves.parent.size, values.shape[0] * leaves.parent.size // out.shape[0]
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        line = t // behind
+        row, i, node = line // nodes, t % behind, line % nodes
+        which, a = row // before, row % before
+        leaf = which % number
+        source, found = values[which // number * functions + leaves.parent[leaf], a], out[which, a, node]
+        over_interval(found[i : i + 1], source, i, i + 1, node, leaves.which[leaf], leaves, raised)
+
+
+@cuda.jit
+def union(tubes, marks, values, leaves, static, moving, edge, count):
+    """As `add_inputs` of all inputs: tubes (1 + sets, nodes), of which the first is not written.
+
+    marks (sets, bytes, nodes), values (sets functions, A, n, B), static (L, nodes), moving (L, leading nodes).
+    """
+    found, (sets, _, size) = cuda.local.array(1, np.float32), marks.shape
+    n, behind, apart = values.shape[2], values.shape[3], size // moving.shape[1]
+    functions, number = values.shape[0] // sets, leaves.parent.size
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        which, node = t // size, t % size
+        line, i, place, best, byte = node // behind, node % behind, node // apart, np.float32(np.inf), np.int32(0)
+        a, at = line // n, line % n
+        for j in range(number):
+            source = values[which * functions + leaves.parent[j], a]
+            over_interval(found, source, i, i + 1, at, leaves.which[j], leaves, np.bool_(False))
+            value = max(found[0], static[j, node], moving[j, place])
+            best = min(value, best)
+            byte |= np.int32(1 << (j & 7)) if value <= edge else np.int32(0)
+            if j & 7 == 7 or j == number - 1:
+                marks[which, j >> 3, node], byte = byte, np.int32(0)
+        tubes[1 + which, node] = best
+
+
+@cuda.jit
+def join(tubes, sets, count):
+    """Unite each tube with the one before."""
+    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
+        for which in range(sets):
+            tubes[which + 1, t] = min(tubes[which + 1, t], tubes[which, t])
+
+
+# ---- what is asked of the card
+
+
+def as_written() -> None:
+    """Let no multiplication and addition be fused from now on: the option has to be handed past Numba."""
+    if not numba.config.ENABLE_CUDASIM:
+        from numba.cuda.cudadrv import nvvm
+
+        nvvm.compile_ir = functools.partial(nvvm.compile_ir, fma=False)
+
+
+def launch(kernel: Any, count: int, *arguments: Any) -> None:
+    """Run a kernel for `count` nodes; a simulated card has one thread."""
+    shape = (1, 1) if numba.config.ENABLE_CUDASIM else (-(-count // THREADS), THREADS)
+    kernel[shape](*arguments, count)
+
+
+def on_card(some: Any) -> Any:
+    """A named tuple with its arrays on the card."""
+    return type(some)(*(cuda.to_device(one) if isinstance(one, np.ndarray) else one for one in some))
+
+
+class Game:
+    """The arm's whole game on the card: samples of the sets, what it reads otherwise, and room for what it writes."""
+
+    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme | None = None) -> None:
+        self.problem, self.grid, self.scheme = problem, problem.grid, scheme or Scheme()
+        self.games = games = HJIGames(problem, self.scheme)
+        assert games.shifted and games.by_formula(games.axes) and not problem.stays and not problem.sensing
+        assert not any(self.grid.has(end) for end in ("safe", "unsafe")) and problem.view_time == "swept"
+        self.steps, self.count, self.size = problem.steps or 0, len(problem.inputs), self.grid.size
+        still: Any = games.velocities(0, games.axes, 0, drift=False)
+        layout, terms = layout_of(self.grid, self.scheme.order), together(self.grid, [still], self.scheme)
+        assert terms is not None
+        self.pieces, self.time_steps = games.formula.pieces(list(games.axes)), still.steps(
+            self.grid, games.duration, self.scheme.cfl
+        )
+        self.padded = layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width
+        self.layout, self.velocities = on_card(layout), tuple(cuda.to_device(one[0]) for one in terms)
+        self.known: dict[Any, Any] = {}
+        self.room: dict[tuple[Any, ...], Any] = {}
+
+    def sample(self) -> None:
+        """Sample the sets on the processor: targets, and of each step what is to be avoided."""
+        problem, steps = self.problem, range(self.steps)
+        self.goals = [problem.goal(step).astype(np.float32).reshape(1, -1) for step in range(self.steps + 1)]
+        (moves,), (stays,) = ([part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False))
+        walls = [Wall.of(problem, part, problem.avoid_axes(part)) for part in (moves, stays)]
+        assert walls[0].axes == tuple(range(len(walls[0].axes))) and walls[1].axes == self.games.axes
+        spans = [[problem.span(step) for step in steps], [problem.span(0)]]
+        self.walls = [
+            (wall.axes, np.stack([wall.over(*span) for span in some]).astype(np.float32))
+            for wall, some in zip(walls, spans, strict=True)
+        ]
+
+    def upload(self) -> None:
+        """Copy the samples to the card."""
+        self.sampled = [(axes, cuda.to_device(values.reshape(-1))) for axes, values in self.walls]
+        self.tubes = [self._room("tubes", step, (1 + self.steps - step) * self.size) for step in range(self.steps + 1)]
+        for tubes, goal in zip(self.tubes, self.goals, strict=True):
+            tubes[: self.size].copy_to_device(goal.reshape(-1))
+
+    def play(self, edge: float = 0.0) -> None:
+        """The avoid tubes, and the table row by row; an input is marked where its value is at most `edge`."""
+        self.avoid()
+        for step in reversed(range(self.steps)):
+            self.unite(step, self.evolve(self.tubes[step + 1], self.steps - step), edge)
+
+    def avoid(self) -> None:
+        """The avoid tubes: moving (steps, L, leading nodes), static (L, nodes)."""
+        (axes, moving), (every, static) = self.sampled
+        places = math.prod(self.grid.shape[axis] for axis in axes)
+        self.moving = self._avoid(self.steps, axes, moving).reshape(self.steps, self.count, places)
+        self.static = self._avoid(1, every, static).reshape(self.count, -1)
+
+    def unite(self, step: int, still: Any, edge: float = 0.0) -> None:
+        """A row of the table, of its reach games in the moving frame."""
+        sets, shift = self.steps - step, self.games.drift * self.games.duration
+        (leaves, _), values = self._most(still, sets, self.games.axes, shift, shift)
+        tubes, walls = self.tubes[step].reshape(1 + sets, -1), (self.static, self.moving[step])
+        launch(union, sets * self.size, tubes, self.marks(step), values, leaves, *walls, np.float32(edge))
+        launch(join, self.size, tubes, sets)
+
+    def evolve(self, values: Any, sets: int) -> Any:
+        """The reach game of some sets without the drift."""
+        phi, work = (self._room(name, 0, self.padded * self.steps) for name in ("phi", "work"))
+        out, stages = self._room("still", 0, self.size * self.steps), STAGES[self.scheme.integrator]
+        assert stages == STAGES["rk2"]
+        launch(pad, sets * self.padded, phi, values, self.layout)
+        for _ in range(self.time_steps):
+            self.stage(work, phi, 0.0, sets)
+            self.stage(phi, work, 0.5, sets)
+        launch(inner, sets * self.size, out, phi, self.layout)
+        return out
+
+    def stage(self, out: Any, phi: Any, keep: float, sets: int) -> None:
+        """One Runge-Kutta stage of some sets."""
+        scheme = choice(DIFFERENCES, self.scheme.order), choice(HAMILTONIANS, self.scheme.flux)
+        step = np.float32(self.games.duration / self.time_steps), np.float32(keep)
+        launch(stage, sets * self.padded, out, phi, self.grid.shape, self.velocities, scheme, self.layout, step)
+
+    def _avoid(self, sets: int, axes: Sequence[int], values: Any) -> Any:
+        """The avoid tubes of sampled sets by the Hopf-Lax formula, as `HopfLaxGames` has them."""
+        formula, interval, pieces = self.games.formula, self.problem.interval(0), self.games.formula.pieces(list(axes))
+        size = math.prod(self.grid.shape[axis] for axis in axes)
+        out = self._room("avoid", len(axes), sets * self.count * size)
+        for piece in range(pieces):
+            (leaves, axis), found = self._most(values, sets, axes, *formula._around(interval, list(axes), piece, pieces))
+            split = self._split(out, sets * self.count, axes, axis)
+            launch(maxima, sets * self.count * size, split, found, leaves, np.bool_(piece > 0))
+        return out
+
+    def _most(self, values: Any, sets: int, axes: Sequence[int], low: FloatArray, high: FloatArray) -> Any:
+        """Maxima over boxes, done but for the last level, as `sdhj.problem.boxes.maxima`: the level, and the values."""
+        ((_, levels),) = _levels(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
+        functions, grid = sets, self.grid.subgrid(axes)
+        for depth, level in enumerate(levels):
+            if (key := (level, tuple(axes))) not in self.known:
+                self.known[key] = on_card(_leaves(level, grid, True, "<f4", 0, grid.shape[level.axis]))
+            leaves, split = self.known[key], self._split(values, functions, axes, level.axis)
+            if level is levels[-1]:
+                return (leaves, level.axis), split
+            functions = sets * len(level.parent)
+            values = self._room("level", (depth, len(axes)), functions * grid.size)
+            out = self._split(values, functions, axes, level.axis)
+            launch(maxima, functions * grid.size, out, split, leaves, np.bool_(False))
+
+    def _split(self, values: Any, number: int, axes: Sequence[int], axis: int) -> Any:
+        shape = [self.grid.shape[one] for one in axes]
+        before, behind = math.prod(shape[:axis]), math.prod(shape[axis + 1 :])
+        return values[: number * math.prod(shape)].reshape(number, before, shape[axis], behind)
+
+    def _room(self, name: str, kind: Any, size: int, dtype: Any = np.float32) -> Any:
+        """An array of the card that is kept."""
+        if (found := self.room.get((name, kind))) is None or found.size < size:
+            found = self.room[name, kind] = cuda.device_array(size, dtype)
+        return found
+
+    def marks(self, step: int) -> Any:
+        """The marks of a row of the table: (sets, bytes, nodes)."""
+        shape = self.steps - step, -(-self.count // 8), self.size
+        return self._room("marks", step, math.prod(shape), np.uint8).reshape(shape)
+
+
+# ---- how long it takes, and whether it is right
+
+
+def differing(game: Game, table: LookupTable) -> dict[str, float]:
+    """How many marks of the processor's table the card's lack or have besides, and by how much tubes differ."""
+    found: dict[str, float] = dict.fromkeys(("marks", "differ", "beyond", "by"), 0)
+    rows = []
+    for edge in (-NEAR, NEAR, 0.0):
+        game.play(edge)
+        rows.append([game.marks(step).copy_to_host() for step in range(game.steps)])
+    for step, (least, most, marks) in enumerate(zip(*rows, strict=True)):
+        tubes = game.tubes[step].copy_to_host().reshape(-1, *table.grid.shape)
+        for within in range(1, game.steps - step + 1):
+            mask = table.mask_array(step, within)
+            beyond = (least[within - 1] & ~mask) | (mask & ~most[within - 1])
+            found["marks"] += game.count * game.size
+            found["differ"] += int(np.unpackbits(marks[within - 1] ^ mask).sum())
+            found["beyond"] += int(np.unpackbits(beyond).sum())
+            found["by"] = max(found["by"], float(np.abs(tubes[within] - table.value_array(step, within)).max()))
+    return found
+
+
+def seconds(call: Callable[..., Any], *arguments: Any, repeats: int = 20) -> tuple[float, float]:
+    """Median seconds of a call, by the card's clock and by the processor's."""
+    found = []
+    for _ in range(repeats + 1):  # the first one compiles
+        cuda.synchronize()
+        events, started = (cuda.event(), cuda.event()), time.perf_counter()
+        events[0].record()
+        call(*arguments)
+        events[1].record()
+        events[1].synchronize()
+        found.append((events[0].elapsed_time(events[1]) / 1e3, time.perf_counter() - started))
+    card, clock = np.median(found[1:], axis=0).tolist()
+    return card, clock
+
+
+def many(call: Callable[..., Any], *arguments: Any, times: int = 100) -> float:
+    """Seconds of one of many calls in a row, for those that take less than to ask for them: then of the asking."""
+    return seconds(lambda: [call(*arguments) for _ in range(times)], repeats=3)[0] / times
+
+
+def processor(problem: ReachAvoidProblem, threads: int, repeats: int) -> tuple[float, LookupTable]:
+    """Median seconds of the library's solve with so many threads, and the table."""
+    numba.set_num_threads(threads)
+    found = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        table = sdhj.solve(problem, progress=False, play=False)
+        found.append(time.perf_counter() - started)
+    return float(np.median(found)), table
+
+
+def measure(nodes: int, threads: Sequence[int]) -> None:
+    """Print a line for each thing that takes time, and the comparison."""
+    problem = arm_case_study(nodes)
+    game, last = Game(problem), problem.steps - 1
+    started = time.perf_counter()
+    game.sample()
+    print(f"{nodes}^4: sets sampled {time.perf_counter() - started:.3f} s; {game.time_steps} time steps", flush=True)
+    upload, play = seconds(game.upload, repeats=3), seconds(game.play)
+    print(f"  upload {upload[1] * 1e3:.2f} ms, game {play[0] * 1e3:.2f} ms (clock {play[1] * 1e3:.2f})")
+    back = seconds(lambda: [game.tubes[k].copy_to_host() for k in range(last)], repeats=2)
+    print(f"  avoid tubes {seconds(game.avoid)[0] * 1e3:.2f} ms, tubes back {back[1] * 1e3:.1f} ms")
+    for step in (last, 0):
+        still = game.evolve(game.tubes[step + 1], last + 1 - step)
+        phi, work = game.room["phi", 0], game.room["work", 0]
+        one = many(game.stage, work, phi, 0.0, last + 1 - step)
+        joined = many(game.unite, step, still)
+        print(f"  {last + 1 - step} sets: a stage {one * 1e6:.1f} us, maxima and union {joined * 1e6:.1f} us", flush=True)
+    for number in threads:
+        took, table = processor(problem, number, 3)
+        print(f"  processor, {number} threads: {took:.3f} s", flush=True)
+    print(f"  {differing(game, table)}", flush=True)
+
+
+def main() -> None:
+    """Measure both, or nodes that are given; with "fused" as the compiler would have it."""
+    given = sys.argv[1:]
+    threads = [numba.config.NUMBA_NUM_THREADS]
+    if "fused" not in given:
+        as_written()
+        threads = sorted({1, 2, *threads})
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numba", "numba-cuda", "numpy"))
+    print(f"{cuda.get_current_device().name}, Python {platform.python_version()}, {versions}", flush=True)
+    for nodes in [int(one) for one in given if one.isdigit()] or (25, 40):
+        measure(nodes, threads)
+
+
+if __name__ == "__main__":
+    main()
