@@ -38,7 +38,12 @@ from sdhj.solver.schemes import STAGES, Scheme, layout_of, together
 from sdhj.table.table import LookupTable
 
 THREADS = 128  # of a block
+RUN = 4  # numbers that a thread takes the maxima of, so that it finds out once where the interval ends
+ROOM = 8  # sets that a row of the table has at most
+SPECIAL: dict[Any, Any] = {}  # kernels, for the kind of arguments that they are called with
 NEAR = 1e-6  # a mark of a value that near to zero may differ where additions are fused
+# the linker would fuse multiplications and additions, whatever the compiler was told
+kernel = cuda.jit if numba.config.ENABLE_CUDASIM else cuda.jit(lto=False)
 _inlined = inlined()
 
 
@@ -57,7 +62,7 @@ def _source(t, layout):
     return plane, row, min(max(column, 0), layout.nodes - 1)
 
 
-@cuda.jit
+@kernel
 def pad(out, values, layout, count):
     """Values with ghost nodes, as `sdhj.kernels.stages.Layout` has them."""
     for t in range(cuda.grid(1), count, cuda.gridsize(1)):
@@ -65,17 +70,19 @@ def pad(out, values, layout, count):
         out[t] = values[(plane * layout.rows + row) * layout.nodes + column]
 
 
-@cuda.jit
-def inner(out, padded, layout, count):
-    """Values without ghost nodes."""
+@kernel
+def inner(out, padded, layout, sets, count):
+    """Values without ghost nodes, of all sets side by side at each node."""
+    rows, size = layout.rows + 2 * layout.top, padded.size // sets
     for t in range(cuda.grid(1), count, cuda.gridsize(1)):
-        line = t // layout.nodes
-        plane = line // layout.rows
-        row = line - plane * layout.rows + layout.top + plane * (layout.rows + 2 * layout.top)
-        out[t] = padded[row * layout.width + layout.ghosts + t - line * layout.nodes]
+        node = t // sets
+        line = node // layout.nodes
+        plane, column = line // layout.rows, node - line * layout.nodes
+        row = line - plane * layout.rows + layout.top + plane * rows
+        out[t] = padded[(t - node * sets) * size + row * layout.width + layout.ghosts + column]
 
 
-@cuda.jit
+@kernel
 def stage(out, phi, shape, velocities, scheme, layout, step, count):
     """As `sdhj.kernels.stages.stage`. A ghost node is computed like the node that it stands for, by another thread."""
     (dt, keep), planes, zero = step, layout.near.shape[0], step[0] - step[0]
@@ -90,50 +97,48 @@ def stage(out, phi, shape, velocities, scheme, layout, step, count):
         out[t] = _kept(keep, out[t]) + (type(dt)(1.0) - keep) * raised
 
 
-@cuda.jit
+@kernel
 def maxima(out, values, leaves, raised, count):
-    """As `maximum_of_intervals`, of each set: values (sets functions, A, n, B), out (sets leaves, A, nodes, B)."""
+    """As `maximum_of_intervals`, with all sets side by side behind the axis; some numbers for each thread."""
     _, before, nodes, behind = out.shape
-    number, functions = leaves.parent.size, values.shape[0] * leaves.parent.size // out.shape[0]
+    runs = (behind + RUN - 1) // RUN
     for t in range(cuda.grid(1), count, cuda.gridsize(1)):
-        line = t // behind
-        row, i, node = line // nodes, t % behind, line % nodes
-        which, a = row // before, row % before
-        leaf = which % number
-        source, found = values[which // number * functions + leaves.parent[leaf], a], out[which, a, node]
-        over_interval(found[i : i + 1], source, i, i + 1, node, leaves.which[leaf], leaves, raised)
+        line = t // runs
+        row, start = line // nodes, (t - line * runs) * RUN
+        node, leaf, stop = line - row * nodes, row // before, min(start + RUN, behind)
+        a = row - leaf * before
+        source, found = values[leaves.parent[leaf], a], out[leaf, a, node]
+        over_interval(found[start:stop], source, start, stop, node, leaves.which[leaf], leaves, raised)
 
 
-@cuda.jit
-def union(tubes, marks, values, leaves, static, moving, edge, count):
-    """As `add_inputs` of all inputs: tubes (1 + sets, nodes), of which the first is not written.
+@kernel
+def union(tubes, marks, values, leaves, static, moving, step, edge, count):
+    """As `add_inputs` of all inputs, of all sets of a row: tubes (1 + sets, nodes), of which the first is not written.
 
-    marks (sets, bytes, nodes), values (sets functions, A, n, B), static (L, nodes), moving (L, leading nodes).
+    marks (sets, bytes, nodes), values (functions, A, n, B sets), static (L, nodes), moving (L, leading nodes, steps).
     """
-    found, (sets, _, size) = cuda.local.array(1, np.float32), marks.shape
-    n, behind, apart = values.shape[2], values.shape[3], size // moving.shape[1]
-    functions, number = values.shape[0] // sets, leaves.parent.size
-    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
-        which, node = t // size, t % size
-        line, i, place, best, byte = node // behind, node % behind, node // apart, np.float32(np.inf), np.int32(0)
-        a, at = line // n, line % n
+    found, least = cuda.local.array(ROOM, np.float32), cuda.local.array(ROOM, np.float32)
+    byte, (sets, _, size), number = cuda.local.array(ROOM, np.uint8), marks.shape, leaves.parent.size
+    n, behind, apart = values.shape[2], values.shape[3] // sets, size // moving.shape[1]
+    for node in range(cuda.grid(1), count, cuda.gridsize(1)):
+        line = node // behind
+        start, a, place = (node - line * behind) * sets, line // n, node // apart
+        for one in range(sets):
+            least[one], byte[one] = np.inf, 0
         for j in range(number):
-            source = values[which * functions + leaves.parent[j], a]
-            over_interval(found, source, i, i + 1, at, leaves.which[j], leaves, np.bool_(False))
-            value = max(found[0], static[j, node], moving[j, place])
-            best = min(value, best)
-            byte |= np.int32(1 << (j & 7)) if value <= edge else np.int32(0)
-            if j & 7 == 7 or j == number - 1:
-                marks[which, j >> 3, node], byte = byte, np.int32(0)
-        tubes[1 + which, node] = best
-
-
-@cuda.jit
-def join(tubes, sets, count):
-    """Unite each tube with the one before."""
-    for t in range(cuda.grid(1), count, cuda.gridsize(1)):
-        for which in range(sets):
-            tubes[which + 1, t] = min(tubes[which + 1, t], tubes[which, t])
+            source, stop = values[leaves.parent[j], a], start + sets
+            over_interval(found[:sets], source, start, stop, line - a * n, leaves.which[j], leaves, np.bool_(False))
+            wall = max(static[j, node], moving[j, place, step])
+            for one in range(sets):
+                value = max(found[one], wall)
+                least[one] = min(least[one], value)
+                byte[one] |= np.uint8(1 << (j & 7)) if value <= edge else np.uint8(0)
+            for one in range(sets if j & 7 == 7 or j == number - 1 else 0):
+                marks[one, j >> 3, node], byte[one] = byte[one], 0
+        tube = tubes[0, node]
+        for one in range(sets):
+            tube = min(tube, least[one])
+            tubes[1 + one, node] = tube
 
 
 # ---- what is asked of the card
@@ -147,10 +152,17 @@ def as_written() -> None:
         nvvm.compile_ir = functools.partial(nvvm.compile_ir, fma=False)
 
 
-def launch(kernel: Any, count: int, *arguments: Any) -> None:
-    """Run a kernel for `count` nodes; a simulated card has one thread."""
-    shape = (1, 1) if numba.config.ENABLE_CUDASIM else (-(-count // THREADS), THREADS)
-    kernel[shape](*arguments, count)
+def launch(one: Any, count: int, *arguments: Any) -> None:
+    """Run a kernel with so many threads; a simulated card has one.
+
+    Each is called with one kind of arguments only: to look at them again would take ten times as long as the launch.
+    """
+    if numba.config.ENABLE_CUDASIM:
+        one[1, 1](*arguments, count)
+        return
+    if one not in SPECIAL:
+        SPECIAL[one] = one.specialize(*arguments, count)
+    SPECIAL[one][-(-count // THREADS), THREADS](*arguments, count)
 
 
 def on_card(some: Any) -> Any:
@@ -193,7 +205,8 @@ class Game:
 
     def upload(self) -> None:
         """Copy the samples to the card."""
-        self.sampled = [(axes, cuda.to_device(values.reshape(-1))) for axes, values in self.walls]
+        flat = [(axes, np.ascontiguousarray(values.reshape(len(values), -1).T)) for axes, values in self.walls]
+        self.sampled = [(axes, cuda.to_device(values.reshape(-1))) for axes, values in flat]
         self.tubes = [self._room("tubes", step, (1 + self.steps - step) * self.size) for step in range(self.steps + 1)]
         for tubes, goal in zip(self.tubes, self.goals, strict=True):
             tubes[: self.size].copy_to_device(goal.reshape(-1))
@@ -205,19 +218,17 @@ class Game:
             self.unite(step, self.evolve(self.tubes[step + 1], self.steps - step), edge)
 
     def avoid(self) -> None:
-        """The avoid tubes: moving (steps, L, leading nodes), static (L, nodes)."""
+        """The avoid tubes: moving (L, leading nodes, steps), static (L, nodes)."""
         (axes, moving), (every, static) = self.sampled
-        places = math.prod(self.grid.shape[axis] for axis in axes)
-        self.moving = self._avoid(self.steps, axes, moving).reshape(self.steps, self.count, places)
+        self.moving = self._avoid(self.steps, axes, moving).reshape(self.count, -1, self.steps)
         self.static = self._avoid(1, every, static).reshape(self.count, -1)
 
     def unite(self, step: int, still: Any, edge: float = 0.0) -> None:
         """A row of the table, of its reach games in the moving frame."""
         sets, shift = self.steps - step, self.games.drift * self.games.duration
         (leaves, _), values = self._most(still, sets, self.games.axes, shift, shift)
-        tubes, walls = self.tubes[step].reshape(1 + sets, -1), (self.static, self.moving[step])
-        launch(union, sets * self.size, tubes, self.marks(step), values, leaves, *walls, np.float32(edge))
-        launch(join, self.size, tubes, sets)
+        tubes, walls = self.tubes[step].reshape(1 + sets, self.size), (self.static, self.moving, step)
+        launch(union, self.size, tubes, self.marks(step), values, leaves, *walls, np.float32(edge))
 
     def evolve(self, values: Any, sets: int) -> Any:
         """The reach game of some sets without the drift."""
@@ -228,7 +239,7 @@ class Game:
         for _ in range(self.time_steps):
             self.stage(work, phi, 0.0, sets)
             self.stage(phi, work, 0.5, sets)
-        launch(inner, sets * self.size, out, phi, self.layout)
+        launch(inner, sets * self.size, out, phi[: sets * self.padded], self.layout, sets)
         return out
 
     def stage(self, out: Any, phi: Any, keep: float, sets: int) -> None:
@@ -240,33 +251,35 @@ class Game:
     def _avoid(self, sets: int, axes: Sequence[int], values: Any) -> Any:
         """The avoid tubes of sampled sets by the Hopf-Lax formula, as `HopfLaxGames` has them."""
         formula, interval, pieces = self.games.formula, self.problem.interval(0), self.games.formula.pieces(list(axes))
-        size = math.prod(self.grid.shape[axis] for axis in axes)
-        out = self._room("avoid", len(axes), sets * self.count * size)
+        out = self._room("avoid", len(axes), self.count * sets * self.grid.subgrid(axes).size)
         for piece in range(pieces):
-            (leaves, axis), found = self._most(values, sets, axes, *formula._around(interval, list(axes), piece, pieces))
-            split = self._split(out, sets * self.count, axes, axis)
-            launch(maxima, sets * self.count * size, split, found, leaves, np.bool_(piece > 0))
+            low, high = formula._around(interval, list(axes), piece, pieces)
+            (leaves, axis), found = self._most(values, sets, axes, low, high)
+            self._maxima(self._split(out, self.count, sets, axes, axis), found, leaves, piece > 0)
         return out
 
     def _most(self, values: Any, sets: int, axes: Sequence[int], low: FloatArray, high: FloatArray) -> Any:
         """Maxima over boxes, done but for the last level, as `sdhj.problem.boxes.maxima`: the level, and the values."""
         ((_, levels),) = _levels(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
-        functions, grid = sets, self.grid.subgrid(axes)
+        functions, grid = 1, self.grid.subgrid(axes)
         for depth, level in enumerate(levels):
             if (key := (level, tuple(axes))) not in self.known:
                 self.known[key] = on_card(_leaves(level, grid, True, "<f4", 0, grid.shape[level.axis]))
-            leaves, split = self.known[key], self._split(values, functions, axes, level.axis)
+            leaves, split = self.known[key], self._split(values, functions, sets, axes, level.axis)
             if level is levels[-1]:
                 return (leaves, level.axis), split
-            functions = sets * len(level.parent)
-            values = self._room("level", (depth, len(axes)), functions * grid.size)
-            out = self._split(values, functions, axes, level.axis)
-            launch(maxima, functions * grid.size, out, split, leaves, np.bool_(False))
+            functions = len(level.parent)
+            values = self._room("level", (depth, len(axes)), functions * sets * grid.size)
+            self._maxima(self._split(values, functions, sets, axes, level.axis), split, leaves, False)
 
-    def _split(self, values: Any, number: int, axes: Sequence[int], axis: int) -> Any:
+    def _maxima(self, out: Any, values: Any, leaves: Any, raised: bool) -> None:
+        launch(maxima, math.prod(out.shape[:3]) * -(-out.shape[3] // RUN), out, values, leaves, np.bool_(raised))
+
+    def _split(self, values: Any, number: int, sets: int, axes: Sequence[int], axis: int) -> Any:
+        """So many functions of each set, with what lies before and behind an axis: (number, A, n, B sets)."""
         shape = [self.grid.shape[one] for one in axes]
-        before, behind = math.prod(shape[:axis]), math.prod(shape[axis + 1 :])
-        return values[: number * math.prod(shape)].reshape(number, before, shape[axis], behind)
+        before, behind = math.prod(shape[:axis]), math.prod(shape[axis + 1 :]) * sets
+        return values[: number * math.prod(shape) * sets].reshape(number, before, shape[axis], behind)
 
     def _room(self, name: str, kind: Any, size: int, dtype: Any = np.float32) -> Any:
         """An array of the card that is kept."""
