@@ -42,8 +42,8 @@ RUN = 4  # numbers that a thread takes the maxima of, so that it finds out once 
 ROOM = 8  # sets that a row of the table has at most
 SPECIAL: dict[Any, Any] = {}  # kernels, for the kind of arguments that they are called with
 NEAR = 1e-6  # a mark of a value that near to zero may differ where additions are fused
-# the linker would fuse multiplications and additions, whatever the compiler was told
-kernel = cuda.jit if numba.config.ENABLE_CUDASIM else cuda.jit(lto=False)
+# at link time the two would be fused whatever the compiler was told; `cuda.jit(lto=False)` forgets its option
+kernel = cuda.jit if numba.config.ENABLE_CUDASIM else functools.partial(cuda.jit, lto=False)
 _inlined = inlined()
 
 
@@ -197,7 +197,9 @@ class Game:
         (moves,), (stays,) = ([part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False))
         walls = [Wall.of(problem, part, problem.avoid_axes(part)) for part in (moves, stays)]
         assert walls[0].axes == tuple(range(len(walls[0].axes))) and walls[1].axes == self.games.axes
-        spans = [[problem.span(step) for step in steps], [problem.span(0)]]
+        lasts = self.games.duration * (pieces := self.games.formula.pieces([*walls[0].axes])) / pieces  # rounded alike
+        begun = [problem.span(step)[0] for step in steps]
+        spans = [[(t, t + lasts) for t in begun], [problem.span(0)]]
         self.walls = [
             (wall.axes, np.stack([wall.over(*span) for span in some]).astype(np.float32))
             for wall, some in zip(walls, spans, strict=True)
