@@ -1,4 +1,4 @@
-"""The game of Sec. 4.1 on a graphics card: what it takes to run the library's own kernels there, and how long they take.
+"""The game of Sec. 4.1 on a graphics card: what the library's own functions take to run there, and how fast they are.
 
 `python figures/gpu.py` plays the arm's case study at 25^4 and at 40^4 nodes by method "hji" on a card of NVIDIA's, by
 numba-cuda, and on the processor with several numbers of threads, and compares every mark. Differences, numerical
@@ -6,16 +6,17 @@ Hamiltonians and interpolation are the functions of `sdhj.kernels`, compiled for
 is what differs there: which thread does what, where arrays lie, and in which order the table is filled in. All sets of
 one row of the table, which depend on the row below alone, are solved abreast, and joined to one another in the end.
 
-The card adds and multiplies as the processor does once it is told not to fuse the two (`as_written`): the tables then
-agree to the last bit. Where no card is, NUMBA_ENABLE_CUDASIM=1 and NUMBA_DISABLE_JIT=1 simulate one, for few nodes.
+The card computes as the processor does once it is told not to fuse multiplications and additions (`as_written`): the
+tables then agree to the last bit. `rivals.py` keeps what was measured. Where no card is, NUMBA_ENABLE_CUDASIM=1 and
+NUMBA_DISABLE_JIT=1 simulate one, for few nodes.
 
 It is for problems in the moving frame without safe or unsafe ends, of which what moves depends on the leading axes.
 """
 
+import argparse
 import functools
 import math
 import platform
-import sys
 import time
 from collections.abc import Callable, Sequence
 from importlib import metadata
@@ -31,7 +32,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import over_interval
 from sdhj.kernels.compiling import choice, inlined
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _axes, _kept, _sum
-from sdhj.problem.boxes import Level, _leaves, _levels
+from sdhj.problem.boxes import _leaves, _levels
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, Wall
 from sdhj.solver.schemes import STAGES, Scheme, layout_of, together
@@ -182,8 +183,9 @@ class Game:
         still: Any = games.velocities(0, games.axes, 0, drift=False)
         layout, terms = layout_of(self.grid, self.scheme.order), together(self.grid, [still], self.scheme)
         assert terms is not None
-        self.pieces, self.time_steps = games.formula.pieces(list(games.axes)), still.steps(
-            self.grid, games.duration, self.scheme.cfl
+        self.pieces, self.time_steps = (
+            games.formula.pieces(list(games.axes)),
+            still.steps(self.grid, games.duration, self.scheme.cfl),
         )
         self.padded = layout.near.shape[0] * (layout.rows + 2 * layout.top) * layout.width
         self.layout, self.velocities = on_card(layout), tuple(cuda.to_device(one[0]) for one in terms)
@@ -194,7 +196,9 @@ class Game:
         """Sample the sets on the processor: targets, and of each step what is to be avoided."""
         problem, steps = self.problem, range(self.steps)
         self.goals = [problem.goal(step).astype(np.float32).reshape(1, -1) for step in range(self.steps + 1)]
-        (moves,), (stays,) = ([part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False))
+        (moves,), (stays,) = (
+            [part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False)
+        )
         walls = [Wall.of(problem, part, problem.avoid_axes(part)) for part in (moves, stays)]
         assert walls[0].axes == tuple(range(len(walls[0].axes))) and walls[1].axes == self.games.axes
         lasts = self.games.duration * (pieces := self.games.formula.pieces([*walls[0].axes])) / pieces  # rounded alike
@@ -364,7 +368,9 @@ def measure(nodes: int, threads: Sequence[int]) -> None:
         phi, work = game.room["phi", 0], game.room["work", 0]
         one = many(game.stage, work, phi, 0.0, last + 1 - step)
         joined = many(game.unite, step, still)
-        print(f"  {last + 1 - step} sets: a stage {one * 1e6:.1f} us, maxima and union {joined * 1e6:.1f} us", flush=True)
+        print(
+            f"  {last + 1 - step} sets: a stage {one * 1e6:.1f} us, maxima and union {joined * 1e6:.1f} us", flush=True
+        )
     for number in threads:
         took, table = processor(problem, number, 3)
         print(f"  processor, {number} threads: {took:.3f} s", flush=True)
@@ -372,16 +378,17 @@ def measure(nodes: int, threads: Sequence[int]) -> None:
 
 
 def main() -> None:
-    """Measure both, or nodes that are given; with "fused" as the compiler would have it."""
-    given = sys.argv[1:]
-    threads = [numba.config.NUMBA_NUM_THREADS]
-    if "fused" not in given:
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("nodes", type=int, nargs="*", default=[25, 40], help="nodes on each axis")
+    parser.add_argument("--fused", action="store_true", help="let multiplications and additions be fused")
+    given = parser.parse_args()
+    if not given.fused:
         as_written()
-        threads = sorted({1, 2, *threads})
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numba", "numba-cuda", "numpy"))
     print(f"{cuda.get_current_device().name}, Python {platform.python_version()}, {versions}", flush=True)
-    for nodes in [int(one) for one in given if one.isdigit()] or (25, 40):
-        measure(nodes, threads)
+    for nodes in given.nodes:
+        measure(nodes, sorted({1, 2, numba.config.NUMBA_NUM_THREADS}))  # type: ignore[attr-defined]
 
 
 if __name__ == "__main__":
