@@ -31,9 +31,9 @@ np.savez(sys.argv[1], *(game.tubes[k].copy_to_host() for k in rows), *(game.mark
 
 def problem() -> ReachAvoidProblem:
     """A game of the arm for a few hundred nodes, in which both players count."""
-    target, obstacle = Disk(Still((0.15, 0.1)), 0.15), Disk(Line((0.24, -0.02), (-0.1, 0.12)), 0.12)
+    target, obstacle = Disk(Still((0.15, 0.1)), 0.15), Disk(Line((0.24, -0.02), (-0.1, 0.12)), 0.07)
     return arm_case_study(
-        (5, 6, 5, 5), steps=2, input_levels=2, delta=0.2, v_d_max=1.2, target=target, obstacles=[obstacle]
+        (6, 6, 5, 5), steps=2, input_levels=2, delta=0.2, v_d_max=0.8, target=target, obstacles=[obstacle]
     )
 
 
@@ -51,4 +51,4 @@ def test_card_and_processor_agree_to_the_last_bit(tmp_path: Path) -> None:
         for within, tube in enumerate(tubes[step].reshape(-1, *table.grid.shape)[1:], 1):
             np.testing.assert_array_equal(tube, table.value_array(step, within))
             np.testing.assert_array_equal(marks[step][within - 1], table.mask_array(step, within))
-    assert 0.1 < np.mean(marks[0][-1] > 0) < 0.8
+    assert 0.05 < np.mean(marks[0][-1] > 0) < 0.8
