@@ -120,7 +120,14 @@ class ArmProof(Proof):
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
-        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
+        self,
+        some: FloatArray,
+        ahead: FloatArray,
+        step: int,
+        sets: FloatArray,
+        pool: FloatArray,
+        among: FloatArray,
+        lines: bool,
     ) -> FloatArray:
         """See `GeneralProof.inputs`."""
         out = among.copy()
@@ -146,6 +153,8 @@ class ArmProof(Proof):
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
+
+    along = -1
 
     # ---- the recursion; sets are (n1 * n2, W) uint64
 

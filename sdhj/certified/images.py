@@ -110,6 +110,12 @@ class Proof:
     parts: int
     inputs: ClassVar[Any]  # a method of each
 
+    @cached_property
+    def along(self) -> int:
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        carried = (self.strides == 0) & ~np.isfinite(self.past).any(axis=0)
+        return int(max(np.flatnonzero(carried[:-1]), default=-1))
+
     def places(self, some: FloatArray) -> FloatArray:
         """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
         return np.zeros(len(some), np.int64)
@@ -225,6 +231,12 @@ class Images(Proof):
         """Those of the interval from a step."""
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.past)
+
+    @cached_property
+    def along(self) -> int:
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        carried = (self.strides == 0) & ~np.isfinite(self.past).any(axis=0)
+        return int(max(np.flatnonzero(carried[:-1]), default=-1))
 
     def places(self, some: FloatArray) -> FloatArray:
         return np.asarray(some @ self.strides)
