@@ -154,8 +154,6 @@ class ArmProof(Proof):
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
 
-    along = -1
-
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
