@@ -9,7 +9,7 @@ import sdhj
 def test_one_command_is_answered_as_among_many():
     table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(30, 30, 38)), progress=False, play=False)
     controller, rng = sdhj.Controller(table), np.random.default_rng(0)
-    states = rng.uniform(-1.5, 1.5, (300, 3))
+    states = rng.uniform(-1.0, 1.0, (300, 3)) * [0.7, 0.7, np.pi]
     wanted = rng.choice(
         [-2.5, -2.0, -1.0, 0.1, 1.0, 2.0], (300, 1)
     )  # also exactly between two inputs, and equal to one
