@@ -189,7 +189,7 @@ class Packer:
             self.index.append(self.bodies.setdefault(body, len(self.bodies)))
 
 
-class Pieces:
+class InLines:
     """The cells of a table, in pieces of whole blocks: of the first few axes one row of blocks, of the others all.
 
     Attributes
@@ -230,7 +230,7 @@ class Pieces:
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
     """The bytes of `sdhj_table.bin`."""
-    pieces, packer, several = Pieces(table), None, threads()
+    pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
         step, at = one

@@ -539,10 +539,10 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
                 for r in range(total):
                     rows[r] = row_of_box(room, cells)
                     step_on(room[2], room[1], ndim - 1)
-                line, bits = slice(begin, end), (room[0, -1], room[0, -1] + room[1, -1])
+                line, shape = slice(begin, end), (rows, room[0, -1], room[0, -1] + room[1, -1])
                 seen[:, 1] = -2
                 asked = some[line, along], ahead[line], low[along], high[along]
-                slid_inside(asked, along, rows, bits, cells, sets, pool, seen, out[line, j])
+                slid_inside(asked, along, shape, cells, sets, pool, seen, out[line, j])
         begin = end
 
 
@@ -556,14 +556,14 @@ def same_line(cell, other, along):
 
 
 @kernel(**UNCOUNTED)
-def slid_inside(asked, along, rows, bits, cells, sets, pool, seen, out):
+def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
     """`inputs_in_lines` of one line under one input: out (M,) bool.
 
     asked: where on the axis its cells are (M,), the steps to go (M,), and from where to where an image lies there.
-    rows (R,): of a slice of an image, the first one on the axis. bits: its first and last but one on the last axis.
+    shape: the rows (R,) of a slice of an image, the first one on the axis, and from where to where it lies on the last.
     seen (n, 3): of each set the first slice that was looked at, the last one, or -2, and the last that is not in it.
     """
-    (own, ahead, low, high), (bit, past) = asked, bits
+    (own, ahead, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]
     for axis in range(along + 1, cells.counts.size - 1):
         stride *= cells.counts[axis]

@@ -7,7 +7,7 @@ import pytest
 import toys
 
 import sdhj
-from sdhj.certified.export import Pieces
+from sdhj.certified.export import InLines
 
 
 def robot(periodic, end):
@@ -27,7 +27,7 @@ def robot(periodic, end):
 def test_lines_of_cells_are_answered_as_each_cell_alone(periodic, end):
     table = sdhj.solve(robot(periodic, end), sdhj.Certified(cells=(25, 24, 70)), progress=False, play=False)
     assert table.proof.along == (-1 if end == "safe" else 0)  # a cell past a safe end is not asked
-    pieces, rng = Pieces(table), np.random.default_rng(0)
+    pieces, rng = InLines(table), np.random.default_rng(0)
     asked = 0
     for step, at in pieces.work[:3]:
         cells = pieces.cells(at)
@@ -52,7 +52,7 @@ def test_pieces_hold_each_cell_once_and_in_the_blocks_of_the_file():
     for most in (1 << 20, 3000, 10):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("sdhj.certified.export.CELLS_AT_ONCE", most)
-            pieces = Pieces(table)
+            pieces = InLines(table)
             parts = [
                 pieces.in_blocks(np.ravel_multi_index(tuple(pieces.cells(at).T), table.shape), at)
                 for _, at in pieces.work
