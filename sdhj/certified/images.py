@@ -116,6 +116,11 @@ class Proof:
     parts: int
     inputs: ClassVar[Any]  # a method of each
 
+    @cached_property
+    def along(self) -> int:
+        """An axis in lines along which inputs of cells may be asked for in less time; -1 if there is none."""
+        return -1
+
     def places(self, some: FloatArray) -> FloatArray:
         """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
         return np.zeros(len(some), np.int64)
@@ -236,6 +241,12 @@ class Images(Proof):
         """Those of the interval from a step."""
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.past)
+
+    @cached_property
+    def along(self) -> int:
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        carried = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        return int(carried[-1]) if carried.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
         return np.asarray(some @ self.strides)
