@@ -277,7 +277,8 @@ class GridSets:
         needed = memory_needed(problem, dtype)
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
-        require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
+        remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
+        require(needed, "this solve", f"it has {why}; use {remedies}")
         self.timeless = problem.timeless
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
         begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)

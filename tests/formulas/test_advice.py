@@ -164,9 +164,7 @@ LEVELS = {
     "average": (
         "np.sum\\(weights \\* x, axis=1\\) / np.sum\\(weights\\)",
         lambda p, t: np.average(np.hstack([p, 2 * p]), axis=1, weights=np.array([1.0, 3.0])),
-        lambda p, t: (
-            np.sum(np.array([1.0, 3.0]) * np.hstack([p, 2 * p]), axis=1) / np.sum(np.array([1.0, 3.0]))
-        ),
+        lambda p, t: np.sum(np.array([1.0, 3.0]) * np.hstack([p, 2 * p]), axis=1) / np.sum(np.array([1.0, 3.0])),
     ),
     "piecewise": (
         "np.select\\(conditions, values\\) is known",
@@ -188,7 +186,11 @@ LEVELS = {
         lambda p, t: np.select([np.where(p[:, 0] > 0, 1, 0)], [p[:, 0]], 2.0),
         lambda p, t: np.select([np.where(p[:, 0] > 0, 1, 0) > 0], [p[:, 0]], 2.0),
     ),
-    "a loop that decides": ("is wrapped, .* sdhj.BlackBox\\(looped", looped, sdhj.BlackBox(looped, slope=1.0, rate=0.0)),
+    "a loop that decides": (
+        "is wrapped, .* sdhj.BlackBox\\(looped",
+        looped,
+        sdhj.BlackBox(looped, slope=1.0, rate=0.0),
+    ),
     "operations": (
         "use sdhj.gridded for a table",
         many,
