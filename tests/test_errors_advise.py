@@ -297,6 +297,21 @@ CASES = {
         lambda to: Controller(solved(drifting(), "certified")).select([0.9]),
         lambda to: Controller(solved(drifting(), "certified")).fallback([0.9]),
     ),
+    "a state that is not promised: another, or more steps": (
+        r"choose a state where table.contains\(q, start=0, within=1\) is true, or solve with more steps or nodes",
+        lambda to: Controller(table(steps=1)).select([-2.0]),
+        lambda to: (
+            Controller(table(steps=1)).select([-1.2])
+            if table(steps=1).contains([[-1.2]], start=0, within=1)
+            else 1 / 0,
+            Controller(table(steps=5)).select([-2.0]),
+        ),
+    ),
+    "a state that is not promised: more cells": (
+        "stay clear for ever .*, or solve with more cells",
+        lambda to: Controller(braking(12)).select([0.9, 0.6]),
+        lambda to: Controller(braking(200)).select([0.9, 0.6]),
+    ),
     "no run can start": (
         "so no run can start from it; use",
         lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
@@ -537,6 +552,15 @@ def post(**options):
 def drifting():
     """A robot that is blown out of its target, whatever it does."""
     return replace(line(), dynamics=Dynamics(MOVES, lambda q, u: u[0] + 2.0 + 0 * q, [[1.0]], [0.1]))
+
+
+@cache
+def braking(cells):
+    """A cart that has to stay before a wall at 1.8 m, for ever."""
+    moves = Dynamics(MOVES, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1))
+    before = UnsafeSet((0,), lambda p, t: 1.8 - p[:, 0], name="wall")
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-2, -1.5], [2, 1.5], [41, 31]), moves, None, [before], 0.2, None)
+    return solved(problem, Certified(cells=(cells, cells)))
 
 
 def parking(tolerance):
