@@ -558,7 +558,7 @@ class Controller:
         changed = overruled = chosen != index
         if index is None:
             changed = np.bool_(inputs[chosen].tolist() != wanted.tolist())
-            overruled = np.bool_(distances[0, chosen] > distances.min())
+            overruled = np.bool_(distances[0, chosen] > distances[0, distances.argmin()])  # min takes five times as long
         return Filtered(chosen, inputs[chosen], changed, overruled, np.True_, np.False_)
 
     def choose(self, batch: Batch) -> FloatArray:
