@@ -94,7 +94,7 @@ class Motors:
 
 
 def gains(torque: float) -> list[Motors]:
-    """The 18 that are tried: frequency (rad/s) and damping of the stretched arm, and the second joint's share of them."""
+    """The 18 that are tried: frequency (rad/s) and damping of the stretched arm, and the share of the second joint."""
     found = []
     for frequency, ratio, share in product((20.0, 40.0, 80.0), (1.0, 1.75, 2.5), (0.125, 0.25)):
         stiffness, damping = INERTIA * frequency**2, 2 * ratio * INERTIA * frequency
@@ -110,9 +110,9 @@ def arm(u_max: float, **changes: Any) -> ReachAvoidProblem:
 class Plant:
     """The arm with its motors and all that moves around it, for many runs at once.
 
-    A MuJoCo state has the time, the joints' positions and their velocities; the first two joints are the arm's, the next
-    two the pursuer's, the others belong to what moves as it is known to. Only the arm is pushed: all others go on as they
-    do. Contacts push nothing, because a run ends where a distance is no longer positive.
+    A MuJoCo state has the time, the joints' positions and their velocities; the first two joints are the arm's, the
+    next two the pursuer's, the others belong to what moves as it is known to. Only the arm is pushed: all others go on
+    as they do. Contacts push nothing, because a run ends where a distance is no longer positive.
 
     Parameters
     ----------
@@ -209,8 +209,8 @@ class Evidence:
     def __str__(self) -> str:
         (e1, e2), count = self.error, len(self.peaks)
         return (
-            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {1e3 * lever(self.error):.1f} mm; "
-            f"with 95% confidence at most {chance(count, 2):.2%} of records drawn like these {count} exceed it"
+            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {1e3 * lever(self.error):.1f} mm"
+            f"; with 95% confidence at most {chance(count, 2):.2%} of records drawn like these {count} exceed it"
         )
 
 
@@ -286,7 +286,8 @@ class Played:
         told = ", ".join(f"{self.count(one)} {one}" for one in OUTCOMES[1:5])
         return (
             f"{self.lost} of {len(self.outcomes)} runs lost ({told}); closest {1e3 * self.closest.min():.1f} mm; "
-            f"e exceeded in {self.exceeded} runs, largest {self.peaks[:, 0].max():.4f}, {self.peaks[:, 1].max():.4f} rad"
+            f"e exceeded in {self.exceeded} runs, "
+            f"largest {', '.join(f'{peak:.4f}' for peak in self.peaks.max(axis=0))} rad"
         )
 
 
@@ -501,8 +502,8 @@ def case(name: str, table: Table, motors: Motors, runs: int, seed: int, **option
 def controls(evidence: Evidence, u_max: float, runs: int, seed: int = 0) -> list[Case]:
     """What must lose, each with the reason taken away beside it, and what is only told: half of e.
 
-    (a) A table that was solved without `Sensing`, played with delay and error, and without. (b) A table for 3 rad/s that
-    ignores e, played with motors that cannot follow, and with motors that can.
+    (a) A table that was solved without `Sensing`, played with delay and error, and without. (b) A table for 3 rad/s
+    that ignores e, played with motors that cannot follow, and with motors that can.
     """
     exact = Sensing(rest=REST)
     blind = certified(grown(u_max, evidence.error, sensing=exact), FEWER)
@@ -533,9 +534,7 @@ def table_of(cases: Sequence[Case]) -> str:
 @click.option("--coarse", is_flag=True, help="Fewer cells, and no controls.")
 @click.pass_context
 @plainly
-def main(
-    context: click.Context, folder: Path, torque: float, u_max: float, runs: int, seed: int, coarse: bool
-) -> None:
+def main(context: click.Context, folder: Path, torque: float, u_max: float, runs: int, seed: int, coarse: bool) -> None:
     """Identify the motors, certify with their bounds, play; write experiment.md and experiment_strip.png into FOLDER.
 
     Status 1 where a run of the certified case is lost.

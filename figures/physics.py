@@ -128,9 +128,7 @@ def _numbers(values: Sequence[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _capsule(
-    name: str, kind: str, radius: float, start: Sequence[float], end: Sequence[float], more: str = ""
-) -> str:
+def _capsule(name: str, kind: str, radius: float, start: Sequence[float], end: Sequence[float], more: str = "") -> str:
     if radius <= 0.0:
         raise ValueError(f"MuJoCo needs a positive radius or half-width, {name} has {radius}")
     return (

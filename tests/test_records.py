@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sdhj
+from sdhj import plotting
 from sdhj.problem.records import chance
 
 DRAWS, DT = 200, 0.25  # s
@@ -190,3 +191,12 @@ def test_time_in_the_velocity(rng) -> None:
     ways = [np.column_stack([t, [0.0, *np.cumsum(0.1 * (1 + w) + gust)], np.ones(6)]) for w in winds]
     found = sdhj.bounds_from_records(gusty, ways, error=0.0)
     np.testing.assert_allclose(found.peaks[:, 0], np.abs(winds).max(axis=1), rtol=0, atol=1e-6)
+
+
+def test_what_was_found_is_drawn(rng) -> None:
+    found = sdhj.bounds_from_records(car(), driven(rng, np.full(3, 0.1), np.full(3, 0.002)), error=0.002)
+    ax = plotting.new_figure(3, 3).subplots()
+    plotting.draw_records(ax, found, 1)
+    drawn = {line.get_gid(): line for line in ax.lines}
+    assert drawn["bound"].get_xdata()[0] == found.bounds[1] and drawn["least"].get_xdata()[0] == found.least[1]
+    np.testing.assert_array_equal(drawn["peaks"].get_xdata(), np.sort(found.peaks[:, 1]))

@@ -23,8 +23,8 @@ Two statements with a confidence 1 - alpha, of n records that were drawn alike a
 
       x_1 + (x_1 - x_k) (alpha^(-1 / (k - 1)) - 1),    k = 5:
 
-  exact for a uniform density, else as n grows (Robson & Whitlock 1964 for k = 2). Where the density vanishes, as that of
-  noise does, this is too little for the bound of the sum, which is more than that of the push.
+  exact for a uniform density, else as n grows (Robson & Whitlock 1964 for k = 2). Noise adds to the push, so what is
+  above the bound of both is above that of the push.
 
 Both are evidence about records like these. Nothing that was recorded bounds what comes next under other inputs.
 """
@@ -91,7 +91,9 @@ class RecordedBounds:
         for d, (low, seen, high) in enumerate(zip(self.least, self.peaks.max(axis=0), self.bounds, strict=True)):
             lines.append(f"v[{d}]: at least {low:.4g}, largest recorded {seen:.4g}, bound {high:.4g}")
         lines.append("measurement error: " + ", ".join(f"{e:.4g}" for e in self.error))
-        lines.append(f"a further record exceeds the largest recorded with a probability of at most {self.exceeding:.2%}")
+        lines.append(
+            f"a further record exceeds the largest recorded with a probability of at most {self.exceeding:.2%}"
+        )
         lines += [
             f"no push explains {much:.4g} of the motion along {name}: the model lacks something, or the error is larger"
             for name, much in zip(self.names, self.unexplained, strict=True)
@@ -171,8 +173,9 @@ def bounds_from_records(
         seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
         if [len(one) for one in seen] != [len(one) for one in tables]:
             raise ValueError("better must have a record for each of records, with as many rows")
-        off = [_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim]) for a, b in zip(tables, seen, strict=True)]
-        known = _above(np.array([np.abs(one).max(axis=0) for one in off]), miss)
+        pairs = zip(tables, seen, strict=True)
+        misses = [np.abs(_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
+        known = _above(np.array(misses), miss)
     elif rest is not None:
         still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
         off = _apart(problem, still, still[:1])
@@ -186,8 +189,8 @@ def bounds_from_records(
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *(len(one) - 1 for one in tables[:-1])]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
         raise ValueError(
-            f"nothing in the records tells v[{int(untold.argmax())}] from the other components of v; record inputs under "
-            "which it moves the state otherwise than they do"
+            f"nothing in the records tells v[{int(untold.argmax())}] from the other components of v; record inputs "
+            "under which it moves the state otherwise than they do"
         )
     peaks = np.maximum(peaks, 0.0)
     return RecordedBounds(
@@ -232,9 +235,7 @@ def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArr
     fits = table.ndim == 2 and (table.shape[1] == columns or (wider and table.shape[1] > columns))
     if not fits or len(table) < 2:
         what = "time, state" if wider else "time, state and input"
-        raise ValueError(
-            f"{name} must have two rows or more, and {columns} columns ({what}), got shape {table.shape}"
-        )
+        raise ValueError(f"{name} must have two rows or more, and {columns} columns ({what}), got shape {table.shape}")
     if (np.diff(table[:, 0]) <= 0).any():
         raise ValueError(f"the times of {name} must increase from row to row")
     return table
@@ -281,8 +282,8 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
     apart = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := apart.min(axis=1) > SAME * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
-            f"the records have the input {given[odd][0].tolist()}, which is none of the problem's; make the problem with the "
-            "inputs that were recorded"
+            f"the records have the input {given[odd][0].tolist()}, which is none of the problem's; make the "
+            "problem with the inputs that were recorded"
         )
     return apart.argmin(axis=1)
 
