@@ -286,7 +286,7 @@ class Played:
         told = ", ".join(f"{self.count(one)} {one}" for one in OUTCOMES[1:5])
         return (
             f"{self.lost} of {len(self.outcomes)} runs lost ({told}); closest {1e3 * self.closest.min():.1f} mm; "
-            f"e exceeded in {self.exceeded} runs, "
+            f"e {f'exceeded in {self.exceeded} runs' if self.error.any() else 'ignored'}, "
             f"largest {', '.join(f'{peak:.4f}' for peak in self.peaks.max(axis=0))} rad"
         )
 
