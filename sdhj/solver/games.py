@@ -263,6 +263,17 @@ class HJIGames(_OnAxes):
         shrinks = self.problem.stays & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
+    @cached_property
+    def brought(self) -> FloatArray:
+        """How far along each axis the disturbance moves a state in an interval, in whole cells: (axes,).
+
+        Differences erode narrow maxima, which are gaps between pieces of a tube; at nodes in this box they are kept.
+        Nowhere, where a component of the disturbance moves several axes: not all of a box can be reached.
+        """
+        spacing = np.array(self.grid.spacing)
+        cells = np.floor(self.push.sum(axis=1) * self.duration / spacing * (1 - ROUNDING))
+        return cells * spacing * (not self.problem.dynamics.couples(self.axes))
+
     @property
     def shifted(self) -> bool:
         """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
@@ -311,13 +322,16 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            more = operations(grid, shift, shift)
+            more = operations(grid, shift, shift) + operations(grid, -self.brought[None], self.brought[None])
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
     def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
-        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
+
+        Psi is the greater of the solution by differences and of the values at the nodes that the disturbance reaches.
+        """
         (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
@@ -325,6 +339,8 @@ class HJIGames(_OnAxes):
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         self.solved += 1
         still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
+        if (far := self.brought).any():  # to nodes that far off the disturbance surely brings the state
+            np.maximum(still, next(maxima(grid, values, -far[None], far[None], "linear")).of()[0], out=still)
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
