@@ -102,7 +102,8 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
 
 def _gaps(table: Table) -> str:
     """Whether the grid may have filled gaps between pieces of its tubes, and what helps: see `sdhj.solver.gaps`."""
-    return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
+    moved = "formula" if table.method == "lax" else "shift" if table.details.get("shifted") else "differences"
+    return "" if table.proved else gaps(table.problem, moved)
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
