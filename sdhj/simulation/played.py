@@ -102,8 +102,7 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
 
 def _gaps(table: Table) -> str:
     """Whether the grid may have filled gaps between pieces of its tubes, and what helps: see `sdhj.solver.gaps`."""
-    moved = "formula" if table.method == "lax" else "shift" if table.details.get("shifted") else "differences"
-    return "" if table.proved else gaps(table.problem, moved)
+    return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:

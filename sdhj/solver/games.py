@@ -265,14 +265,16 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def brought(self) -> FloatArray:
-        """How far along each axis the disturbance moves a state in an interval, in whole cells: (axes,).
+        """How far along each axis the disturbance moves a state in an interval, if that is a cell or more: (axes,).
 
-        Differences erode narrow maxima, which are gaps between pieces of a tube; at nodes in this box they are kept.
-        Nowhere, where a component of the disturbance moves several axes: not all of a box can be reached.
+        Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps them.
+        Below a cell it reaches no other node, and interpolation alone would wear sets down. Nor where a component of
+        the disturbance moves several axes, as not all of a box can be reached.
         """
-        spacing = np.array(self.grid.spacing)
-        cells = np.floor(self.push.sum(axis=1) * self.duration / spacing * (1 - ROUNDING))
-        return cells * spacing * (not self.problem.dynamics.couples(self.axes))
+        far = self.push.sum(axis=1) * self.duration
+        return (
+            far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
+        )
 
     @property
     def shifted(self) -> bool:
@@ -330,7 +332,7 @@ class HJIGames(_OnAxes):
     def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
         """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
 
-        Psi is the greater of the solution by differences and of the values at the nodes that the disturbance reaches.
+        Psi is the greater of the solution by differences and of the maximum over what the disturbance reaches.
         """
         (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
@@ -339,8 +341,8 @@ class HJIGames(_OnAxes):
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         self.solved += 1
         still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
-        if (far := self.brought).any():  # to nodes that far off the disturbance surely brings the state
-            np.maximum(still, next(maxima(grid, values, -far[None], far[None], "linear")).of()[0], out=still)
+        if (far := self.brought).any():  # differences would fill narrow gaps
+            np.maximum(still, next(maxima(grid, values, -far[None], far[None], SHIFT)).of()[0], out=still)
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:

@@ -18,9 +18,9 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, beside
 
-# cells that the disturbance has to push, and that a gap has to be wide, by what moves reach sets: of what a line of gaps
-# promises .001 to .002 is wrong at such a push, and less than .02 at such a width, for pushes of 1/4 to 32 cells
-ENOUGH = {"formula": (1.0, 2.0), "shift": (1.0, 8.0), "differences": (8.0, 16.0)}
+# cells that the disturbance has to push and that a gap has to be wide, if shifted and by differences: of what a line of
+# gaps promises .001 to .002 is wrong at such a push, and less than .02 at such a width, for pushes of 1/4 to 32 cells
+ENOUGH = {True: (1.0, 8.0), False: (8.0, 16.0)}
 PARTS = 16  # of a displacement, at whose ends the target is asked
 MOST_PAIRS = 5_000  # pairs of displacements at most
 MIDDLES = 64  # of the middle of the target, with other coordinates drawn at random
@@ -29,48 +29,53 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 
 
 class _Gaps(NamedTuple):
-    """Of the gaps along an axis: how far the disturbance pushes along it in an interval, and how wide they are."""
+    """How far the disturbance pushes along an axis in an interval, and how wide the gaps along it are; inf if none."""
 
     push: float
     width: float
 
 
-def gaps(problem: ReachAvoidProblem, moved: str) -> str:
+def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     """What helps where tubes may be separate pieces and the grid is too coarse to keep them apart; else empty.
 
-    moved : {"formula", "shift", "differences"}
-        What reach sets are computed by.
+    shifted : whether reach sets are computed by a shift or a formula, and not by differences.
     """
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.stays or grid.subgrid(axes).size > LARGEST:
         return ""
-    found: dict[int, _Gaps] = {}  # by the axis along which there are gaps
+    found: dict[int, _Gaps] = {}  # by the axis
     for step in (0, problem.most_steps // 2, problem.most_steps) if problem.target.moving else (0,):
         for axis, here in _apart(problem, step).items():
             found[axis] = _Gaps(*np.minimum(here, found.get(axis, here)).tolist())
     cells = {axis: np.array(there) / grid.spacing[axis] for axis, there in found.items()}
-    short = [axis for axis in cells if (cells[axis] < np.array(ENOUGH[moved]) * (1 - 1e-9)).any()]
+    with np.errstate(divide="ignore"):  # without a disturbance no number of nodes is enough
+        finer = {axis: float(np.max(ENOUGH[shifted] / has)) * (1 - 1e-9) for axis, has in cells.items()}
+    short = [axis for axis in sorted(finer) if finer[axis] > 1]
     if not short:
         return ""
-    known, nodes = " and ".join(grid.names[axis] for axis in short), []
-    for axis in short:
-        if min(found[axis]) > 0:
-            most = max(enough / there for enough, there in zip(ENOUGH[moved], found[axis], strict=True))
-            least = math.ceil((grid.upper[axis] - grid.lower[axis]) * most * (1 - 1e-9)) + (not grid.periodic[axis])
-            nodes.append(f"{least:,} nodes along {grid.names[axis]}")
-    pushes, widths = (" and ".join(f"{cells[axis][which]:.2g}" for axis in short) for which in (0, 1))
-    lax = "sdhj.HopfLax(), which needs fewer nodes; " if moved != "formula" and problem.dynamics.stateless else ""
+    nodes = []
+    for axis in sorted(finer):
+        # where pieces touch along an axis a gap along another is a hole, which is filled from all sides
+        factor = finer[axis] or max(finer.values())
+        if 1 < factor < math.inf:
+            ends = not grid.periodic[axis]
+            nodes.append(f"{math.ceil((grid.shape[axis] - ends) * factor) + ends:,} nodes along {grid.names[axis]}")
+    known, (pushes, widths) = (
+        " and ".join(grid.names[axis] for axis in short),
+        (" and ".join(f"{cells[axis][which]:.2g}" for axis in short) for which in (0, 1)),
+    )
+    lax = "sdhj.HopfLax(), which needs fewer nodes; " if not shifted and problem.dynamics.stateless else ""
     return (
         f"The tubes may be separate pieces along {known}, because a step is longer than the target is thick, and the "
         f"grid fills the gaps between them: the disturbance pushes {pushes} cells in a step, and the gaps are {widths} "
-        "cells wide, which should be {:g} and {:g}. What helps: ".format(*ENOUGH[moved])
+        "cells wide, which should be {:g} and {:g}. What helps: ".format(*ENOUGH[shifted])
         + (f"{' and '.join(nodes)}; " if nodes else "")
         + f"{lax}a shorter delta, or slower inputs beside these, so that steps are shorter than the target is thick"
     )
 
 
 def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """The axes along which inputs lead past the target, and what gaps there are along each."""
+    """What gaps there are along the axes that inputs move the target along; empty if none lead past it."""
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _middle(problem, some, t)
@@ -95,11 +100,12 @@ def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     if len(np.unique(state[alone])) < RARE * len(points):
         return {}
     hit = along & alone[:, None]
-    return {
-        axis: _Gaps(float(push[state[some], i].min()), float(np.quantile(widths[some, i], RARE, method="lower")))
-        for i, (axis, some) in enumerate(zip(axes, hit.T, strict=True))
-        if some.any()
-    }
+    found = {axis: _Gaps(math.inf, math.inf) for axis, moved in zip(axes, along.T, strict=True) if moved.any()}
+    for i, axis in enumerate(axes):
+        if (here := hit[:, i]).any():
+            width = np.quantile(widths[here, i], RARE, method="lower")
+            found[axis] = _Gaps(float(push[state[here], i].min()), float(width))
+    return found
 
 
 def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
