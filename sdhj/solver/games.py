@@ -324,7 +324,8 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            more = operations(grid, shift, shift) + operations(grid, -self.brought[None], self.brought[None])
+            far = self.brought[None]
+            more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
