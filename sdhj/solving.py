@@ -161,12 +161,11 @@ def resolve(
         raise ValueError(f"table must be what sdhj.solve or sdhj.resolve returns, got {reprlib.repr(table)}")
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
-    most, chosen = number("operations", operations, above=0.0), method_of(method)
-    for message in suspicions(problem):
-        warnings.warn(message, ResolutionWarning, stacklevel=2)
-    former = None
+    most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
     if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
         former = Former(table, problem, chosen, dangers(table.problem.rimmed))
+    for message in () if former and former.alike else suspicions(problem):
+        warnings.warn(message, ResolutionWarning, stacklevel=2)
     with announced(progress):
         return _solved(problem, chosen, progress, most, former)
 

@@ -13,15 +13,13 @@ whose PDE was kept, only as far as its solution does differ.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import lru_cache
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from sdhj.formulas.formula import Formula
-from sdhj.formulas.graph import Lookup
-from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -55,11 +53,7 @@ def told(function: Any) -> Told:
     """What a function computes, so that two with equal ones have equal values; a black box equals nothing."""
     if function is None:
         return ()
-    if not isinstance(function, Formula):
-        return (object(),)
-    tables: list[Lookup] = []
-    lines = tuple(written(function.outputs, tables))
-    return function.coordinates, function.parameters, function.shape, lines, tuple(one.digest for one in tables)
+    return function.told if isinstance(function, Formula) else (object(),)
 
 
 def told_of_set(part: Any) -> Told:
@@ -80,17 +74,18 @@ def differing(now: FloatArray, then: FloatArray) -> FloatArray:
     return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
 
 
+@lru_cache(maxsize=64)
+def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
+    """Which nodes of an axis are at most `by` apart: (nodes, nodes), 1 or 0."""
+    apart = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
+    return ((np.minimum(apart, nodes - apart) if periodic else apart) <= by).astype(np.float32)
+
+
 def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
-    """For each plane, whether it reads one that is marked up to `by` away along an axis."""
-    out, n = planes.copy(), planes.shape[axis]
-    for shift in range(1, min(by, n) + 1):
-        for one in (shift, -shift):
-            moved = np.roll(planes, one, axis)
-            if not grid.periodic[axis]:
-                ends = slice(0, one) if one > 0 else slice(n + one, None)
-                moved[(slice(None),) * axis + (ends,)] = False
-            out |= moved
-    return out
+    """For each plane, whether one that is marked is up to `by` away along an axis."""
+    n, behind = planes.shape[axis], math.prod(planes.shape[axis + 1 :])
+    lines = planes.reshape(-1, n, behind).astype(np.float32)
+    return np.asarray(_neighbours(n, grid.periodic[axis], by) @ lines > 0).reshape(planes.shape)
 
 
 def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
@@ -98,8 +93,8 @@ def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArra
 
     By symmetry also what they read if they are marked.
     """
-    for _ in range(stages):
-        if planes.all() or not planes.any():
+    for _ in range(stages if planes.any() else 0):
+        if planes.all():
             break
         planes = np.logical_or.reduce([planes, *(_beside(grid, planes, i, order) for i in range(planes.ndim))])
     return planes
@@ -148,7 +143,8 @@ class Patch:
         else:
             still = solve(planes) if planes.any() else was
             if still is not was:
-                np.copyto(still, was, where=~planes.reshape(planes.shape + (1,) * (was.ndim - lead)))
+                rest, shape = np.flatnonzero(~planes), (planes.size, -1)
+                still.reshape(shape)[rest] = was.reshape(shape)[rest]
         self.still, moved = still, planes if was is None else differing(still, was)
         inner = tuple(slice(n, n + m) for n, m in zip(past, self.changed.shape, strict=False))
         self.rows = self.besides | carried_on(grid, moved, cells)[inner]
@@ -156,11 +152,13 @@ class Patch:
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
         """Write what is as it was: a tube (*shape) and marks (bytes, size)."""
-        rest, lead = ~self.rows, self.rows.ndim
-        behind = (1,) * (tube.ndim - lead)
-        np.copyto(tube, self.former[0], where=rest.reshape(*rest.shape, *behind))
-        shape = (len(marks), *rest.shape, -1)
-        np.copyto(marks.reshape(shape), self.former[1].reshape(shape), where=rest[..., None])
+        rest = np.flatnonzero(~self.rows)
+        for now, then in ((tube[None], self.former[0]), (marks, self.former[1])):
+            own, other = (one.reshape(len(now), self.rows.size, -1) for one in (now, then))
+            if len(rest) == self.rows.size:
+                own[...] = other
+            else:
+                own[:, rest] = other[:, rest]
 
 
 class Former:
@@ -187,6 +185,7 @@ class Former:
         self.each: dict[Told, list[FloatArray]] = {}
         self.still: dict[tuple[int, int], FloatArray] = {}
         self._differing: dict[tuple[int, int, int], FloatArray] = {}
+        self._walls: dict[int, FloatArray] = {}
 
     # ---- avoid tubes
 
@@ -217,10 +216,6 @@ class Former:
 
     # ---- rows of the recursion
 
-    @cached_property
-    def _places(self) -> tuple[int, ...]:
-        return self.problem.grid.shape[:-PLANE]
-
     def patch(self, table: Any, step: int, within: int) -> Patch | None:
         """What of an entry of the table that is being filled in differs; None where nothing was like it.
 
@@ -232,9 +227,9 @@ class Former:
         made = within
         while made > 1 and was.place(step, made - 1) == was.place(step, within):
             made -= 1
-        besides = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step)
-        changed = self._differs(table, (step + 1, within - 1), made - 1)
         former = was.value_array(step, made), was.mask_array(step, made)
+        besides = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step, former[0])
+        changed = self._differs(table, (step + 1, within - 1), made - 1)
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
 
     def done(self, patch: Patch, step: int, within: int) -> None:
@@ -249,20 +244,31 @@ class Former:
             self._differing[*entry, made] = differing(now, then)
         return self._differing[*entry, made]
 
-    def _avoid_differs(self, table: Any, step: int) -> FloatArray:
-        """The planes in which an avoid tube of a step differs, under whatever input."""
-        now, then, key = table.avoid, self.table.avoid, (-1, -1, 0)
-        if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
-            return np.ones(self._places, bool)
-        if key not in self._differing:
-            self._differing[key] = self._lifted(now.static, then.static, now.static_axes)
-        return self._differing[key] | self._lifted(now.moving[step], then.moving[step], now.moving_axes)
+    def _avoid_differs(self, table: Any, step: int, tube: FloatArray) -> FloatArray:
+        """The planes in which an avoid tube of a step differs, and that tells in a former tube.
 
-    def _lifted(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """The planes in which functions of some axes, (L, *subgrid), differ."""
-        if now is then or np.shares_memory(now[:1], then[:1]):  # the first: it was taken over
-            return np.zeros(self._places, bool)
-        kind, lead = np.dtype(f"u{now.dtype.itemsize}"), [axis for axis in axes if axis < len(self._places)]
-        found = np.any(now.view(kind) != then.view(kind), axis=(0, *range(1 + len(lead), now.ndim)))
-        shape = [n if axis in lead else 1 for axis, n in enumerate(self._places)]
-        return np.broadcast_to(found.reshape(shape), self._places)
+        The value of an input, max(reach, avoid), is nowhere below the tube that it is united to. So where the avoid
+        tube was and is below that, the reach set alone is the value, as it was. Without a target tubes are intersected,
+        and nothing follows.
+        """
+        now, then = table.avoid, self.table.avoid
+        if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
+            return np.ones(tube.shape[:-PLANE], bool)
+        if step not in self._walls:
+            static = self._walls.setdefault(-1, self._highest(now.static, then.static, now.static_axes))
+            moving = self._highest(now.moving[step], then.moving[step], now.moving_axes)
+            self._walls[step] = np.maximum(static, moving)
+        walls = self._walls[step]
+        tells = walls > -np.inf if self.problem.stays else (walls > -np.inf) & (walls >= tube)
+        lead = max(tube.ndim - PLANE, 0)
+        planes: FloatArray = np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim)))
+        return planes
+
+    def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
+        """The highest that differing functions of some axes, (L, *subgrid), are or were at each node; else -inf."""
+        if now.ctypes.data == then.ctypes.data:  # they were taken over
+            return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)
+        kind = np.dtype(f"u{now.dtype.itemsize}")
+        same = now.view(kind) == then.view(kind)
+        found = np.where(same, now.dtype.type(-np.inf), np.maximum(now, then)).max(axis=0)
+        return self.problem.grid.lift(found, axes)
