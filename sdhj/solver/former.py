@@ -136,7 +136,8 @@ class Patch:
         reads : the order and number of stages; cells (ndim,): by how many at most the solution is shifted.
         """
         lead = self.changed.ndim
-        planes = spread(grid, np.pad(self.changed, [(n, n) for n in past[:lead]], "edge"), *reads)
+        around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
+        planes = spread(grid, around, *reads)
         was = self.was_still
         if was is None or planes.all():
             still = solve(None)
