@@ -87,7 +87,9 @@ def _of_stage(out: Any, phi: Any, after: Any, wall: Any, velocities: Any, order:
     return moved, phi.size * (axis * (phi.ndim - 1) + 5 + coupled)
 
 
-def _of_union(out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any, which: Any) -> Any:
+def _of_union(
+    out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any, which: Any
+) -> Any:
     wide = [wall for wall in (walls.static, walls.moving) if wall.shape[2] > 1]
     made = _between(Leaves(*reach[1:])) if len(reach) == 7 else len(reach[1])
     moved = 2 * tube.nbytes + marks.nbytes * count // len(marks) // 4 + reach[0].nbytes

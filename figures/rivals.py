@@ -28,7 +28,9 @@ def on_h100() -> str:
     """The stored result as a table."""
     lines = ["| nodes | 900 PDEs on an H100, abreast | one by one | whole game, 2 cores | 16 cores |"]
     lines += ["| --- | --- | --- | --- | --- |"]
-    return "\n".join([*lines, *(f"| {n} | " + " | ".join(f"{s:g} s" for s in row) + " |" for n, row in ON_H100.items())])
+    return "\n".join(
+        [*lines, *(f"| {n} | " + " | ".join(f"{s:g} s" for s in row) + " |" for n, row in ON_H100.items())]
+    )
 
 
 def main() -> None:

@@ -207,4 +207,4 @@ def test_maxima_over_boxes_carry_as_far_as_said():
         other[place] = rng.standard_normal(grid.shape[1:])
         found = [list(maximum_over_boxes(grid, one, -corner, corner, "limited"))[0][1] for one in (values, other)]
         here = np.arange(20) == place
-        assert not (differing(*found) & ~carried_on(grid, here, [2.3, 0.4, 0.0])).any()
+        assert not (differing(*found) & ~carried_on(grid, here, np.array([2.3, 0.4, 0.0]))).any()

@@ -62,7 +62,7 @@ def avoid_tubes(
     `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem. What a
     former solve has of them is not solved again; of its sets that are still there nothing is warned of.
     """
-    count, felt, everything = len(problem.inputs), set(), dangers(problem)
+    count, felt, everything = len(problem.inputs), set[int](), dangers(problem)
     kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
     axes = [tuple(sorted({axis for danger in alike for axis in danger.axes})) for alike in kinds]
     made = []

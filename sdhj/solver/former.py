@@ -100,7 +100,7 @@ def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArra
     return planes
 
 
-def carried_on(grid: Grid, planes: FloatArray, cells: Sequence[float]) -> FloatArray:
+def carried_on(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
     """The planes that read a marked one in a maximum over boxes that lead so many cells along each axis."""
     for axis in range(planes.ndim):
         planes = _beside(grid, planes, axis, math.floor(cells[axis] + 1e-9) + 2 if cells[axis] else 0)
@@ -262,8 +262,7 @@ class Former:
         walls = self._walls[step]
         tells = walls > -np.inf if self.problem.stays else (walls > -np.inf) & (walls >= tube)
         lead = max(tube.ndim - PLANE, 0)
-        planes: FloatArray = np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim)))
-        return planes
+        return np.asarray(np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim))))
 
     def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
         """The highest that differing functions of some axes, (L, *subgrid), are or were at each node; else -inf."""

@@ -293,8 +293,8 @@ class HJIGames(_OnAxes):
                 return
         if groups := self.groups(self.axes):
             self.solved += self.count
-            scratch = {"scratch": self._scratch, "planes": planes}
-            phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, **scratch)
+            given = self.grid, values, groups, self.duration, self.scheme
+            phis = evolve_each(*given, scratch=self._scratch, planes=planes)
             yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
             each = ((j, self._evolve(values, j, step, planes)[wanted]) for j in range(self.count))

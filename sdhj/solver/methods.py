@@ -68,9 +68,7 @@ class HJI(Options):
         """The solver of the games of one interval, on some axes of a problem, by default all."""
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
 
-    def sets(
-        self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None
-    ) -> GridSets:
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
 
 
@@ -112,9 +110,7 @@ class HopfLax(Options):
         """The solver of the games of one interval, on some axes of a problem, by default all."""
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
-    def sets(
-        self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None
-    ) -> GridSets:
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.dtype, self.options, former)
 
 

@@ -353,9 +353,7 @@ def _evolved(
     return inner.reshape(count, *grid.shape)
 
 
-def _layouts(
-    grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None
-) -> Iterator[Layout]:
+def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
     """The layout for each stage, which writes the planes that the stages behind it read."""
     if planes is None:
         return repeat(layout)
