@@ -298,7 +298,7 @@ class GridSets:
         options: Mapping[str, Any] | None = None,
         former: Former | None = None,
     ) -> None:
-        needed = memory_needed(problem, dtype)
+        needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
