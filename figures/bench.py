@@ -9,8 +9,7 @@ treats walls in its own way, so errors are counted at the nodes that no wall can
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
 strikes all of them alike. `measure_case_study`, `measure_resolve`, `measure_controller` and `measure_slider` time what
 users wait for: whole tables, one that is solved anew when an obstacle is seen elsewhere, the controller's answers, and
-pictures of games; `limits.py` compares each part of a
-solve with what the machine can do.
+pictures of games; `limits.py` compares each part of a solve with what the machine can do.
 """
 
 import importlib

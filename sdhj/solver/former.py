@@ -1,8 +1,8 @@
 """What a solve takes over from an earlier one: `sdhj.resolve`.
 
 The recursion is a function of the sets: the entry (k, n) follows from (k, n - 1), (k + 1, n - 1) and the avoid tubes
-of step k. Where these have, to the last bit, the values that they had in an earlier solve with the same grid, dynamics and
-method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
+of step k. Where these have, to the last bit, the values that they had in an earlier solve with the same grid, dynamics
+and method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
 in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
 
 A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift by
