@@ -97,7 +97,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof

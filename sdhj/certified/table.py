@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import h5py
 import numpy as np
 
-from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof

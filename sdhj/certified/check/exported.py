@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check.arm import Arm, erode_all, shared
+from sdhj.certified.check.arm.claims import Arm, erode_all, shared
+from sdhj.certified.check.arm.rows import Stored, words_hold
+from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.reading import expect
 from sdhj.certified.check.robots import Robot
-from sdhj.certified.check.rows import Stored, words_hold
-from sdhj.certified.check.separation import STATE_ERROR
 
 MAGIC, HEAD = b"sdhjcell", 560
 FIELDS = ("steps", "select", "safe", "filter", "clear")

@@ -10,7 +10,7 @@ import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.check.robots import Robot
