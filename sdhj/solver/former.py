@@ -5,8 +5,8 @@ of step k. Where these have, to the last bit, the values that they had in an ear
 and method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
 in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
 
-A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift by
-c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving frame,
+A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift
+by c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving frame,
 whose PDE was kept, only as far as its solution does differ.
 """
 
