@@ -98,8 +98,10 @@ def solve(
         return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
+    method, started = method_of(method), time.perf_counter()
     with announced(progress):
-        table = _solved(problem, method_of(method), progress, most)
+        sets = _filled(problem, method, progress, most)
+        table = _reusable(sets.finish({"seconds": time.perf_counter() - started}), method)
         played = _rehearsed(table, stacklevel=2) if play else {}
         return replace(cast(Any, table), details=dict(table.details) | played) if played else table
 
@@ -166,16 +168,14 @@ def resolve(
         former = Former(table, problem, chosen, dangers(table.problem.rimmed))
     for message in () if former and former.alike else suspicions(problem):
         warnings.warn(message, ResolutionWarning, stacklevel=2)
-    with announced(progress):
-        return _solved(problem, chosen, progress, most, former)
-
-
-def _solved(
-    problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
-) -> Table:
     started = time.perf_counter()
-    sets = _filled(problem, method, progress, most, former)
-    table = sets.finish({"seconds": time.perf_counter() - started})
+    with announced(progress):
+        sets = _filled(problem, chosen, progress, most, former)
+        return _reusable(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+
+
+def _reusable(table: Table, method: Method, former: Former | None = None) -> Table:
+    """The table with what it keeps for `resolve`."""
     if not isinstance(table, LookupTable):
         return table
     return replace(table, reusable=Kept(method, former.each, former.still) if former else Kept(method))
@@ -227,7 +227,7 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
 
 
 def _filled(
-    problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None
+    problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
 ) -> Sets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     steps, endless = problem.most_steps, problem.steps is None

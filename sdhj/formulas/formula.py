@@ -202,7 +202,7 @@ class Formula:
         return known[tuple(axes)]
 
     @cached_property
-    def told(self) -> tuple[Any, ...]:
+    def meaning(self) -> tuple[Any, ...]:
         """What it computes: two with equal ones have equal values, to the last bit."""
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))

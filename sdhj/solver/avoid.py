@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
@@ -81,11 +82,7 @@ def avoid_tubes(
             playing = games if some[0][1].problem is problem else make(some[0][1].problem)
             for step, (number, danger) in product(range(often), some):
                 at = [kept.index(i) for i in danger.axes]
-                found = keeps.tube(danger, step) if keeps else None
-                if found is None:
-                    found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
-                if keeps:
-                    keeps.keep(danger, found)
+                found = _tube(playing, danger, step, keeps)
                 if id(danger.part) not in felt and found.max() > 0:
                     felt.add(id(danger.part))
                 fits = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
@@ -103,6 +100,16 @@ def avoid_tubes(
         if id(part) not in felt:
             warnings.warn(never_felt(part), stacklevel=6)
     return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
+
+
+def _tube(games: Games, danger: Danger, step: int, former: Former | None) -> FloatArray:
+    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want."""
+    found = former.tube(danger, step) if former else None
+    if found is None:
+        found = games.avoid(danger.part, step)[(slice(None), *danger.inside)]
+    if former:
+        former.keep(danger, found)
+    return found
 
 
 def never_felt(part: UnsafeSet) -> str:

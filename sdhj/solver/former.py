@@ -6,8 +6,8 @@ and method, so has the entry, and it is copied. Differences are looked for in *p
 in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
 
 A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift
-by c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving frame,
-whose PDE was kept, only as far as its solution does differ.
+by c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving
+frame, whose PDE was kept, only as far as its solution does differ.
 """
 
 import math
@@ -25,7 +25,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 
 PLANE = 2  # axes of a plane
-Told = tuple[Any, ...]
+Meaning = tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Kept:
     """
 
     method: Any
-    each: Mapping[Told, Sequence[FloatArray]] = field(default_factory=dict)
+    each: Mapping[Meaning, Sequence[FloatArray]] = field(default_factory=dict)
     still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -49,23 +49,23 @@ class Kept:
         return sum(one.nbytes for one in chain(*self.each.values(), self.still.values()))
 
 
-def told(function: Any) -> Told:
+def meaning(function: Any) -> Meaning:
     """What a function computes, so that two with equal ones have equal values; a black box equals nothing."""
     if function is None:
         return ()
-    return function.told if isinstance(function, Formula) else (object(),)
+    return function.meaning if isinstance(function, Formula) else (object(),)
 
 
-def told_of_set(part: Any) -> Told:
+def meaning_of_set(part: Any) -> Meaning:
     """The same of a set, wherever it is in its problem."""
-    return part.axes, getattr(part, "sampling", ""), told(part.level_set), told(getattr(part, "swept", None))
+    return part.axes, getattr(part, "sampling", ""), meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
-def told_around(problem: ReachAvoidProblem) -> Told:
+def meaning_around(problem: ReachAvoidProblem) -> Meaning:
     """What avoid tubes, and games of one interval, depend on besides the sets."""
     dynamics, sensing = problem.dynamics, tuple(map(str, vars(problem.sensing).items()))
     inputs = problem.inputs.shape, problem.inputs.tobytes()
-    return problem.grid, problem.delta, problem.view_time, sensing, inputs, tuple(map(told, dynamics.parts))
+    return problem.grid, problem.delta, problem.view_time, sensing, inputs, tuple(map(meaning, dynamics.parts))
 
 
 def differing(now: FloatArray, then: FloatArray) -> FloatArray:
@@ -179,11 +179,11 @@ class Former:
     def __init__(self, table: Any, problem: ReachAvoidProblem, method: Any, dangers: Sequence[Any]) -> None:
         self.table, self.problem, was = table, problem, table.problem
         self.kept: Kept = table.reusable
-        self.alike = self.kept.method == method and told_around(was) == told_around(problem)
+        self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
         # the set that is safe for ever has no rows, and without a target they are made otherwise
         self.has_rows = self.alike and was.stays == problem.stays and not (was.stays and table.details.get("endless"))
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
-        self.each: dict[Told, list[FloatArray]] = {}
+        self.each: dict[Meaning, list[FloatArray]] = {}
         self.still: dict[tuple[int, int], FloatArray] = {}
         self._differing: dict[tuple[int, int, int], FloatArray] = {}
         self._walls: dict[int, FloatArray] = {}
@@ -191,9 +191,9 @@ class Former:
     # ---- avoid tubes
 
     @staticmethod
-    def key(danger: Any) -> Told:
+    def key(danger: Any) -> Meaning:
         """What the avoid tubes of one set depend on, in problems that are alike."""
-        return danger.axes, danger.moves, danger.problem.grid, told_of_set(danger.part)
+        return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.part)
 
     def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
         """The tubes of all static sets together, or of all moving ones, if none of them differs; else None."""
