@@ -155,6 +155,7 @@ class Arm(Sets):
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
         super().__init__(head["cells"], arrays, 4, 2, len(pairs))
+        expect(not any(map(any, self.layers)), "cells of an arm have their width", self.layers)
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
