@@ -259,7 +259,8 @@ def file_of(
     numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
     safe = [sum(1 << side for side, end in enumerate(ends) if end == "safe") for ends in grid.ends]
     known = grid.has("safe")
-    whole_numbers = (table.shape, sides.tolist(), grid.periodic, safe if known else [0] * ndim)
+    layers = table.cells.layers.T @ [2, 4]  # a reader that does not know them refuses the file
+    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe if known else [0] * ndim)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
     reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
@@ -337,7 +338,8 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
     """The status of `sdhj_locate` of states (M, ndim): 0 on the grid, (M,) int."""
     cells, grid = table.cells, table.grid
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
-    below, above = offset < -table.proof.shell, offset > cells.length + table.proof.shell
+    begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
+    below, above = offset < begin - table.proof.shell, offset > end + table.proof.shell
     safe = np.array([[end == "safe" for end in ends] for ends in grid.ends]).T
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)

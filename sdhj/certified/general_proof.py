@@ -7,7 +7,7 @@ is clear of the set where it overlaps none of them.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -46,7 +46,7 @@ def lattice_of(
     Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
     box more: a tube is then looked up without it.
     """
-    own = cells_of([axes[axis] for axis in part.axes], 0)
+    own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in part.axes], 0)
     room = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(room ** (1 / len(part.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
