@@ -48,7 +48,7 @@ FIGURES = Path(experiment.__file__).parent
 
 @cache
 def evidence() -> experiment.Evidence:
-    return identify(4.0, 2.0, records=400, tried=60)
+    return identify(4.0, 2.0, records=400)
 
 
 @cache
@@ -97,7 +97,6 @@ def test_the_error_is_that_of_a_change_of_speed() -> None:
         motors = replace(evidence().motors, torque=torque)
         e = recorded(Plant(arm(u), motors), 100, np.random.default_rng(1)).max(axis=0)
         assert 1.0 < e[0] / ((2 * u) ** 2 / (2 * torque / INERTIA)) < 2.0
-        assert e[1] < e[0]
 
 
 def test_counts_of_the_encoder_change_little(monkeypatch) -> None:
