@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -50,6 +51,7 @@ BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving f
 ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
+NONE: Any = MappingProxyType({})  # no axis has an entry
 
 
 class Games(Protocol):
@@ -161,18 +163,22 @@ class Wall:
 
 
 class _OnAxes:
-    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4)."""
+    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
+
+    wanted : by the axis, where in a window the nodes are that are needed.
+    """
 
     dtype: str
 
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
-        self.problem = problem
+    def __init__(
+        self, problem: ReachAvoidProblem, axes: Sequence[int] | None, wanted: Mapping[int, slice] = NONE
+    ) -> None:
+        self.problem, self.wanted = problem, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
         self.crossed = 0.0
-        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
         """The nodes of some axes whose values are needed."""
@@ -217,16 +223,25 @@ class _OnAxes:
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences."""
+    """Games 1 to 3 of App. A.3 by finite differences.
+
+    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
+    """
 
     joint = False
 
-    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
-        super().__init__(problem, axes)
+    def __init__(
+        self,
+        problem: ReachAvoidProblem,
+        scheme: Scheme,
+        axes: Sequence[int] | None = None,
+        counted: Mapping[Axes, Sequence[int]] = NONE,
+        wanted: Mapping[int, slice] = NONE,
+    ) -> None:
+        super().__init__(problem, axes, wanted)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
-        # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
-        self.counted: Mapping[Axes, Sequence[int]] = {}
+        self.counted = counted
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
         self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
@@ -364,20 +379,18 @@ class HJIGames(_OnAxes):
     @cached_property
     def formula(self) -> "HopfLaxGames":
         """The same games by the Hopf-Lax formula."""
-        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes)
+        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, self.wanted)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`."""
         if not self.by_formula(wall.axes):
             return super().tubes(wall, step)
-        self.formula.wanted = self.wanted
         return self.formula.tubes(wall, step)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
         """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
         problem = self.problem
         if self.by_formula(wall.axes):
-            self.formula.wanted = self.wanted
             yield from self.formula.each_tube(wall, step)
             return
         grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
@@ -505,9 +518,14 @@ class HopfLaxGames(_OnAxes):
     shifted = True  # as `HJIGames.shifted`
 
     def __init__(
-        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
+        self,
+        problem: ReachAvoidProblem,
+        interpolation: str,
+        dtype: str,
+        axes: Sequence[int] | None = None,
+        wanted: Mapping[int, slice] = NONE,
     ) -> None:
-        super().__init__(problem, axes)
+        super().__init__(problem, axes, wanted)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
