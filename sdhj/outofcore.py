@@ -83,7 +83,7 @@ def solve_stored(
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
     """What does tasks and yields what `work` returns: this process, or the workers of a Dask client.
 
-    Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under the same
+    Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
     path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
     """
 

@@ -153,26 +153,29 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
 
 def cost_on_grid(plan: Plan, nbytes: int) -> Cost | None:
-    """What a solve costs by the model of `sdhj.problem.cost`, each slab with its halo; None of games that do not say."""
+    """What a solve costs by the model of `sdhj.problem.cost`, slabs with their halos; None of games that do not say."""
     problem, slabs = plan.problem, plan.layout.slabs
-    games = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
+    games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
     played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
-    def share(nodes: int, halo: int) -> float:
-        """How much of an axis that is cut is gone through, slab by slab."""
-        return sum(min(plan.layout.width + 2 * halo, nodes) for _ in range(slabs)) / nodes if slabs > 1 else 1.0
+    def share(grid: Grid, axis: int | None, halo: int) -> float:
+        """How much of a grid is gone through, slab by slab."""
+        n = 1 if axis is None or slabs == 1 else grid.shape[axis]
+        return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
 
     tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
     for danger, axis, _, halo, counted in plan.games:
         own = danger.problem
-        playing = games if own is played and slabs == 1 else plan.make(own, **({"counted": counted} if counted else {}))
+        playing: Any = games
+        if own is not played or slabs > 1:
+            playing = plan.make(own, counted=counted) if counted else plan.make(own)
         each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
-        once += float(np.mean(each)) * (steps if danger.moves else 1) * (share(own.grid.shape[axis], halo) if axis is not None else 1.0)
+        once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
-    whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid.shape[plan.axis], plan.halo)
+    whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
     each = [games.operations(whole, step) * shared + len(problem.inputs) * problem.grid.size for step in looked]
     crossed = max(crossed, games.crossed)
     check_crossing(problem, crossed, stacklevel=6)

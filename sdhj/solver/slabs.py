@@ -13,7 +13,7 @@ would be right too, and other bits. A periodic axis is gone around; where a wind
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames
 from sdhj.solver.schemes import STAGES
-from sdhj.table.store import Arrays, Layout, Runs, Slab
+from sdhj.table.store import Arrays, Runs, Shapes, Slab
 from sdhj.table.table import LookupTable
 
 
@@ -57,6 +57,9 @@ class Plan:
     counted: Mapping[Axes, Any] = field(default_factory=dict)  # as `HJIGames.counted`
     kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
 
+    def __reduce__(self) -> Any:  # without what was kept
+        return Plan, tuple(getattr(self, one.name) for one in fields(self) if one.init)
+
     @cached_property
     def avoid(self) -> dict[str, list[AvoidGame]]:
         """The avoid games by the array of their tubes: the same at all steps, or not."""
@@ -64,14 +67,14 @@ class Plan:
         return {name: [game for game in self.games if game.danger.moves == moves] for name, moves in kinds.items()}
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> Shapes:
         """The arrays of the table."""
         problem, shape = self.problem, self.problem.grid.shape
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
         width, tubes = self.width or shape[self.axis], LookupTable.rooms(problem)
         inputs, steps = len(problem.inputs), problem.most_steps
-        return Layout(shape, inputs, tubes, steps, self.dtype, self.axis, width, ascending)
+        return Shapes(shape, inputs, tubes, steps, self.dtype, self.axis, width, ascending)
 
     @cached_property
     def whole(self) -> Any:

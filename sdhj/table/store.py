@@ -5,7 +5,7 @@
     avoid_static.npy, avoid_moving.npy
                           ... those on no axes, where there is nothing to avoid, are left out
     tables/, opaque/      what formulas look up, and values of black boxes
-    ledger                a line for each finished slab: array, place, slab, and a SHA-256 of these, the head and the slab
+    ledger                a line for each finished slab: array, place, slab, SHA-256 of these, the head and the slab
     index                 which entry is which tube, once the table is whole
 
 Head and index are JSON behind a line with its SHA-256, that of the index with the head's. A slab is written, flushed to
@@ -48,8 +48,8 @@ from sdhj.table.files import (
 from sdhj.table.table import AvoidTubes, LookupTable, ascending_axes
 
 STORE_FORMAT = 3
-ARRAYS = ("tubes", "masks", "avoid_static", "avoid_moving")
-LINE = re.compile("(tubes|avoid_static|avoid_moving) ([0-9]{1,9}) ([0-9]{1,9}) ([0-9a-f]{64})")  # of the ledger
+NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
+ENTERED = re.compile("(tubes|avoid_static|avoid_moving) ([0-9]{1,9}) ([0-9]{1,9}) ([0-9a-f]{64})")  # of the ledger
 Runs = Sequence[tuple[int, int]]
 
 
@@ -66,7 +66,7 @@ class Slab(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Layout:
+class Shapes:
     """The shapes of a table's arrays, and how they are cut into slabs: `width` nodes of one axis of the grid each."""
 
     shape: tuple[int, ...]  # of the grid
@@ -117,7 +117,7 @@ class Layout:
 
     @property
     def nbytes(self) -> int:
-        return sum(math.prod(self.whole(array)) * self.kind(array).itemsize for array in ARRAYS)
+        return sum(math.prod(self.whole(array)) * self.kind(array).itemsize for array in NAMES)
 
     def slabs_with(self, tubes: int) -> Iterator[Slab]:
         """All slabs of a table with so many tubes."""
@@ -126,18 +126,23 @@ class Layout:
                 yield from (Slab(array, *one) for one in product(range(places), range(self.slabs_of(array))))
 
 
+def within(runs: Runs) -> Any:
+    """The index of what lies from begin to end of each of the last axes."""
+    return (..., *(slice(*run) for run in runs))
+
+
 class Arrays:
     """The arrays of a table, a slab at a time."""
 
-    layout: Layout
+    layout: Shapes
 
     def block(self, array: str, place: int) -> FloatArray:
-        """What there is at a place of an array, as `Layout.block` says."""
+        """What there is at a place of an array, as `Shapes.block` says."""
         raise NotImplementedError
 
     def read(self, array: str, place: int, runs: Runs) -> FloatArray:
         """Part of a block, from begin to end of each axis of the grid."""
-        return np.ascontiguousarray(self.block(array, place)[(..., *(slice(*run) for run in runs))])
+        return np.ascontiguousarray(self.block(array, place)[within(runs)])
 
     def whole(self, array: str) -> FloatArray:
         """An array as a `LookupTable` has it, which may be filled in later."""
@@ -145,7 +150,7 @@ class Arrays:
 
     @property
     def avoid(self) -> AvoidTubes:
-        static, moving = ARRAYS[2:]
+        static, moving = NAMES[2:]
         axes = self.layout.axes(static), self.layout.axes(moving)
         return AvoidTubes(axes[0], self.whole(static), axes[1], self.whole(moving))
 
@@ -165,9 +170,9 @@ class Arrays:
 class Memory(Arrays):
     """The arrays of a table in memory; where there is one slab, what is read and written are views of them."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Shapes) -> None:
         self.layout, self.arrays = layout, dict[str, FloatArray]()
-        for array in ARRAYS:
+        for array in NAMES:
             make = np.zeros if array == "masks" else np.empty
             self.arrays[array] = make(layout.whole(array), layout.kind(array))
             if not layout.axes(array):
@@ -194,7 +199,7 @@ class Memory(Arrays):
                 self.arrays[array] = one  # to copy all avoid tubes would take as long as a game
                 continue
             runs = self.layout.runs(array, slab.number)
-            part = self.block(array, slab.place)[(..., *(slice(*run) for run in runs))]
+            part = self.block(array, slab.place)[within(runs)]
             if not np.may_share_memory(part, one):
                 part[...] = one
         return ""
@@ -213,7 +218,7 @@ class Store(Arrays):
     seal : digest of the head, which is bound into all others. It is pickled without what it has read.
     """
 
-    def __init__(self, path: Path, layout: Layout, seal: str) -> None:
+    def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:
@@ -227,7 +232,7 @@ class Store(Arrays):
     @cached_property
     def begins(self) -> dict[str, int]:
         """Where in its file each array begins; TableFileError where a file is none of this store."""
-        return {array: self._header(array)[0] for array in ARRAYS if self.layout.axes(array)}
+        return {array: self._header(array)[0] for array in NAMES if self.layout.axes(array)}
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
         file, expected = self.file(array), self.layout.whole(array)
@@ -267,7 +272,7 @@ class Store(Arrays):
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         """What of a slab lies in one piece, and where in the file."""
         layout, block = self.layout, self.layout.block(array)
-        (first, end), cut = layout.span(slab.number), len(layout.lead(array))
+        first, cut = slab.number * layout.width, len(layout.lead(array))
         cut += layout.axes(array).index(layout.axis) if layout.slabs_of(array) > 1 else -cut
         n, behind = block[cut], math.prod(block[cut + 1 :]) * values.itemsize
         before, first = (math.prod(block[:cut]), first) if layout.slabs_of(array) > 1 else (1, 0)
@@ -294,7 +299,7 @@ class Store(Arrays):
             lines = (self.path / "ledger").read_text(encoding="ascii", errors="replace").splitlines()
         except OSError as error:
             raise TableFileError(f"the ledger of {self.path} cannot be read ({error}); solve it anew") from error
-        found = {Slab(line[1], int(line[2]), int(line[3])): line[4] for line in map(LINE.fullmatch, lines) if line}
+        found = {Slab(line[1], int(line[2]), int(line[3])): line[4] for line in map(ENTERED.fullmatch, lines) if line}
         possible = set(self.layout.slabs_with(self.layout.tubes))
         return {slab: digest for slab, digest in found.items() if slab in possible}
 
@@ -404,10 +409,12 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
-    """The head of a store, finished or not, as `checked_head` returns it, and its digest; errors are those of `load`."""
+    """The head of a store, finished or not, as `checked_head` returns it, and its digest; errors as of `load`."""
     path = Path(path)
     if (path / "zarr.json").is_file():
-        raise TableFileError(f"{path} is a Zarr store, of an sdhj before there were stores of plain arrays; solve it anew")
+        raise TableFileError(
+            f"{path} is a Zarr store, of an sdhj before there were stores of plain arrays; solve it anew"
+        )
     if not (path / "head").is_file():
         raise FileNotFoundError(f"no store {path}; write one with sdhj.solve(problem, store=...)")
     told, seal = _unsealed(path / "head")
@@ -424,19 +431,19 @@ def opened_store(
     (head, seal), path = head_of_store(path), Path(os.path.abspath(path))
     with readable(path):
         problem = problem_of_file(path, head, functions_of(path), problem)
-        return Store(path, layout_of(problem, head), seal), head, problem
+        return Store(path, shapes_of(problem, head), seal), head, problem
 
 
-def layout_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Layout:
+def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
     """How the arrays of a problem's table lie in a store with a head; ValueError if the two do not fit."""
     (axis, width), shape = head["cut"], problem.grid.shape
     axis = whole("the axis that is cut", axis, least=0, most=len(shape) - 1)
     width = whole("the width of slabs", width, least=1, most=shape[axis])
     option("dtype", head["dtype"], ("float32", "float64"))
-    names = ARRAYS[2:]
+    names = NAMES[2:]
     axes = {name: ascending_axes(head["avoid_axes"][name.removeprefix("avoid_")], name, problem.grid) for name in names}
     steps, tubes = problem.most_steps, LookupTable.rooms(problem)
-    return Layout(shape, len(problem.inputs), tubes, steps, head["dtype"], axis, width, axes)
+    return Shapes(shape, len(problem.inputs), tubes, steps, head["dtype"], axis, width, axes)
 
 
 def functions_of(path: Path) -> dict[str, FloatArray]:
@@ -445,7 +452,7 @@ def functions_of(path: Path) -> dict[str, FloatArray]:
     return {f"{file.parent.name}/{file.stem}": np.load(file, allow_pickle=False) for file in files}
 
 
-def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray], layout: Layout) -> str:
+def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray], layout: Shapes) -> str:
     """Make a store with this head and these functions, else empty; the folder appears when it is whole.
 
     FileExistsError if there is one. Returns its seal.
@@ -461,7 +468,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
         for name, values in functions.items():
             (temporary / name).parent.mkdir(exist_ok=True)
             np.save(temporary / f"{name}.npy", values)
-        for array in ARRAYS:
+        for array in NAMES:
             if layout.axes(array):
                 with open(temporary / f"{array}.npy", "wb") as stream:
                     write_header(stream, layout, array, layout.tubes)
@@ -474,7 +481,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
     return text.partition("\n")[0]
 
 
-def write_header(stream: Any, layout: Layout, array: str, tubes: int) -> None:
+def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
     """Let a file be an array with so many tubes; what is not written yet takes no room on the disk."""
     shape, kind = layout.whole(array), layout.kind(array)
     shape = (tubes, *shape[1:]) if array in Slab("tubes", 0, 0).arrays else shape

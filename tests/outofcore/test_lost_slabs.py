@@ -201,7 +201,7 @@ def test_every_flipped_byte_is_found(few, rng):
         for place in [begin, len(whole) - 1, *rng.integers(begin, len(whole), 4)]:
             file.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
             for resume in (False, True):
-                with pytest.raises(sdhj.TableFileError, match="is damaged, or parts of it .*; delete the line") as told:
+                with pytest.raises(sdhj.TableFileError, match=r"is damaged, or .*; delete the line") as told:
                     sdhj.solve(problem, store=store, resume=True) if resume else sdhj.load(store, problem=problem)
         for length in (0, len(whole) - 1):
             file.write_bytes(whole[:length])
@@ -211,13 +211,13 @@ def test_every_flipped_byte_is_found(few, rng):
         with pytest.raises(sdhj.TableFileError, match=rf"{name}\.npy is missing, damaged or of another store"):
             sdhj.load(store, problem=problem)
         file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-        ledger, line = store / "ledger", re.search("the line that begins '(.*)' from", str(told.value))[1]
+        ledger = store / "ledger"
         with pytest.raises(sdhj.TableFileError, match="delete the line") as told:
             sdhj.load(store, problem=problem)
         line = re.search("the line that begins '(.*)' from", str(told.value))[1]
         kept = [one for one in ledger.read_text().splitlines() if not one.startswith(f"{line} ")]
         ledger.write_text("\n".join(kept))
-        with pytest.raises(sdhj.TableFileError, match="1 slabs of .* not in its ledger.*; solve with resume=True"):
+        with pytest.raises(sdhj.TableFileError, match=r"1 slabs of .* not in its ledger.*; solve with resume=True"):
             sdhj.load(store, problem=problem)
         assert_bit_equal(sdhj.solve(problem, store=store, resume=True), table)
         assert_bit_equal(sdhj.load(store), table)
@@ -257,10 +257,12 @@ def test_what_comes_from_another_store_is_refused(problem, memory, store, tmp_pa
     sdhj.solve(other, store=tmp_path / "other", memory=memory)
     for name in foreign:
         shutil.copy(tmp_path / "other" / name, store / name)
-    for use in (lambda: sdhj.load(store, problem=problem), lambda: sdhj.solve(problem, store=store, resume=True)):
-        if foreign != ["index"] or use.__code__.co_names[0] == "load":
-            with pytest.raises(sdhj.TableFileError, match="is damaged|of another store|another problem"):
-                use()
+    wrong = pytest.raises(sdhj.TableFileError, match=r"is damaged|of another store|another problem")
+    with wrong:
+        sdhj.load(store, problem=problem)
+    if foreign != ["index"]:  # which a solve writes anew
+        with wrong:
+            sdhj.solve(problem, store=store, resume=True)
 
 
 def test_a_store_that_tells_something_else(problem, store):
