@@ -56,8 +56,8 @@ def solve(
         operations of `estimate`. For a problem without a number of steps it shows the share of states that still
         change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
-        A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
-        (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
+        A folder, for example "table", in which the table is built slab by slab, for tables larger than memory
+        (methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
     resume : bool
         Continue a store that an earlier solve of the same problem left unfinished; start one if there is none.
     client : distributed.Client, optional
@@ -95,7 +95,7 @@ def solve(
     if store is not None:
         return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
-        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
+        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
         sets = _filled(problem, method, progress, most)
