@@ -10,7 +10,7 @@ than they were executed with, an error, an exercise that is already answered, or
 `gallery` writes the picture of each notebook's cell tagged "gallery" to notebooks/gallery/, for the README; `execute`
 does so too, and writes some frames of each widget to notebooks/site/_static/frames/, for the site.
 
-That the numbers still come out is what `pytest -p nbval --nbval-lax notebooks/` checks.
+That the numbers still come out is what `pytest --nbval-lax notebooks/` checks.
 """
 
 import base64

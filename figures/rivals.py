@@ -3,7 +3,7 @@
 `python figures/rivals.py` certifies the vehicle in a maze (`maze.py`) and the voltage converter (`extra_dcdc.py`), both
 until nothing changes, in seconds of CPU time, compiling apart. SCOTS's shares are those of its examples `vehicle` and
 `dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on its own host: the same
-problems, by other methods on other machines.
+problems, by other methods on other machines. `ON_H200` is a stored result of `gpu.py`.
 """
 
 import os
@@ -14,6 +14,15 @@ import maze
 import numba
 
 import sdhj
+
+# What `gpu.py` measured on 27 November 2026 on one H200 (driver 580.159.04) and on cores of the same machine (Xeon),
+# with Python 3.12.3, numba 0.68.0, numba-cuda 0.30.4 and numpy 2.4.6, fused operations off: by nodes on each axis, ms.
+# The game on the card is avoid tubes, PDEs, unions and marks; besides it, samples of the sets on one core, copies there
+# and back. `sdhj.solve(play=False)` on 1, 2 and 16 cores: the least and the greatest median of three solves.
+ON_H200 = {
+    25: {"game": 23, "besides": (70, 4, 28), "solve": ((804, 1078), (724, 859), (313, 467))},
+    40: {"game": 71, "besides": (304, 14, 141), "solve": ((6642, 8932), (4166, 5691), (1613, 2020))},
+}
 
 
 def main() -> None:

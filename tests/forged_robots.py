@@ -79,7 +79,7 @@ def past_the_seam():
     return replace(ring(), unsafe=[post])
 
 
-def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
+def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3, brakes=3.0):
     """A cart on a rail that has to stay on it: dx = v, dv = u + w; bent: the place counts, too, a little."""
 
     def drift(q, u):
@@ -87,12 +87,18 @@ def cart(*, ends="unsafe", push=0.2, bent=0.0, delta=0.2, steps=3):
 
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21], ends=[ends, "unsafe"]),
-        sdhj.Dynamics([[-3.0], [0.0], [3.0]], drift, [[0.0], [1.0]], [push]),
+        sdhj.Dynamics([[-brakes], [0.0], [brakes]], drift, [[0.0], [1.0]], [push]),
         None,
         [],
         delta,
         steps,
     )
+
+
+def standing(*, ends=("wall", "wall"), periodic=False, steps=20, most=1.0):
+    """The cart that cannot go back, nor faster than 1 m/s, and stands still where it brakes."""
+    grid = sdhj.Grid([-1.0, 0.0], [1.0, most], [21, 21], [False, periodic], ends=["unsafe", ends])
+    return replace(cart(brakes=3.0 * most), grid=grid, steps=steps)
 
 
 def rail():
@@ -270,6 +276,9 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "circle": (circle, (120,), 1),
     "cart": (cart, (20, 20), 1),
     "rail": (rail, (80, 80), 10),
+    "standing": (standing, (40, 10), 2),
+    "standing soon": (lambda: standing(most=10.0), (40, 10), 1),
+    "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
@@ -473,6 +482,11 @@ def as_in_the_middle(told: Told, arrays: Any) -> None:
         edit(name, lambda moves: np.copyto(moves, moves[:, :, 60:61]))(told, arrays)
 
 
+def no_place(told: Told, arrays: Any) -> None:
+    told["proof"]["own"] = [False, False]
+    put(arrays, **{name: arrays[name][()][:, :, :1] for name in ("low", "high")})
+
+
 def first_moves(told: Told, arrays: Any) -> None:
     for name in ("low", "high"):
         edit(name, lambda moves: np.copyto(moves, moves[:1]))(told, arrays)
@@ -531,6 +545,22 @@ FORGERIES: dict[str, Forgery] = {
     "states near a cell": Forgery("sliding", MOVES, edit("high", lambda moves: moves[0, 0, 0, :1].fill(1))),
     "a little later": Forgery("surge", MOVES, narrower(-2, 2)),
     "two that push": Forgery("drone", MOVES, becomes=lambda: drone(push=(0.1, 0.3))),
+    # layers
+    "a layer at an end that is no wall": Forgery("standing", COVER, becomes=lambda: standing(ends=("unsafe", "wall"))),
+    "a layer at an upper end that is no wall": Forgery(
+        "standing", COVER, becomes=lambda: standing(ends=("wall", "unsafe"))
+    ),
+    "a layer where an axis closes": Forgery("standing", COVER, becomes=lambda: standing(periodic=True)),
+    "a layer of cells that move alike": Forgery("standing", COVER, lambda told, arrays: no_place(told, arrays)),
+    "coasting that stays on the layer": Forgery(
+        "standing", MOVES, both(shifts("low", -1, j=1, axis=1), shifts("high", -1, j=1, axis=1))
+    ),
+    "the fastest that are not held by the wall": Forgery(
+        "standing",
+        MOVES,
+        both(shifts("low", 1, j=1, place=11, axis=1), shifts("high", 1, j=1, place=11, axis=1)),
+    ),
+    "braking without a cell more": Forgery("standing", MOVES, shifts("high", -1, j=0, place=1)),
     # predictions
     "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
     "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),

@@ -78,7 +78,7 @@ def checker(folder, file, old, new):
         LIBRARY / "certified" / "check", folder / name, ignore=shutil.ignore_patterns("__pycache__")
     )
     _replace(source / file, old, new)
-    for path in source.glob("*.py"):
+    for path in source.rglob("*.py"):
         path.write_text(path.read_text().replace("sdhj.certified.check", name))
     compiles, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1  # what is compiled there is of arms
     sys.path.insert(0, str(folder))

@@ -340,7 +340,7 @@ TEXTS = {
     "a long anchor": ("origin: *" + "x" * 60_000, "undefined alias"),
     "a tag": ("origin: !!python/object/apply:os.system [exit 1]", "three numbers"),
     "escapes": ('image: "\\e[31m\\nred"', "not a picture"),
-    "nothing in the name": ('image: "a\\0b"', "null byte"),
+    "nothing in the name": ('image: "a\\0b"', "null (byte|character)"),
     "a byte of no text": ("image: \x00", "not the YAML file"),
     "two documents": ("--- 1\n--- 2\n", "single document"),
     "a list as a key": ("[1]: 2\n", "unhashable"),

@@ -8,6 +8,11 @@ counts as in cells that it exceeds by `DRIFT`.
 
 A periodic axis may have a period that no fraction is, 2 pi. It is then known to lie in an interval, narrow against
 `DRIFT`; the cells are whole from the lower end on, and the last one, the *seam cell*, is what is left.
+
+Where a coordinate is held at a wall, as the speed of a car that cannot go back, there is a cell of no width, a *layer*:
+the states at the wall itself. Who brakes from the lowest cell ends there, and from there moves nothing; in the lowest
+cell, which reaches up to its whole width, it would count as moving on for ever. An image is a layer's only where all of
+it is held at the wall.
 """
 
 import math
@@ -83,16 +88,18 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
 class CellAxis:
     """The cells of one axis: [lower + i * width, lower + (i + 1) * width], the last one cut at the upper end.
 
-    A periodic axis may have a length that is known up to an interval only, a bounded one has not.
+    A periodic axis may have a length that is known up to an interval only, a bounded one has not. Where there are
+    layers, one before the first of these cells, one behind the last, they count as cells.
     """
 
     lower: Fraction
     extent: tuple[Fraction, Fraction]  # bounds on the length of the axis
     width: Fraction
     periodic: bool
+    layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end
 
     def __post_init__(self) -> None:
-        if (self.count - 1) * self.width >= self.extent[0]:
+        if (self.count - sum(self.layers) - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
             )
@@ -100,7 +107,7 @@ class CellAxis:
     @property
     def count(self) -> int:
         """How many cells there are."""
-        return math.ceil(self.extent[1] / self.width)
+        return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
     def scale(self) -> float:
@@ -113,6 +120,8 @@ class CellAxis:
 
     def shares(self) -> NDArray[np.float64]:
         """Each cell's share of the length of the axis, shape (count,)."""
+        if any(self.layers):
+            return np.diff(self.edges()) / float(self.extent[0])
         lengths = np.full(self.count, float(self.width))
         lengths[-1] = float(sum(self.extent) / 2 - (self.count - 1) * self.width)
         return lengths / lengths.sum()
@@ -139,6 +148,8 @@ class CellAxis:
         known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width
         """
         width, drift = float(self.width), DRIFT * self.scale
+        if any(self.layers):
+            return self._moved_to_walls(cell, low + drift, high - drift)
         if not known or not self.periodic:
             first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
             return _counted(first), _counted(np.maximum(last, first))
@@ -149,6 +160,19 @@ class CellAxis:
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
+    def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
+        """`moved` on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is."""
+        width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
+        edges, last = self.edges() - float(self.lower), self.count - 1
+        begin, end = edges[cell] + low, edges[cell + 1] + high
+        a, b = np.floor(begin / width) + lower, np.ceil(end / width) - 1 + lower
+        b = np.maximum(a, b)
+        if lower:
+            a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))
+        if upper:
+            a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))
+        return _counted(a - cell), _counted(b - cell)
+
 
 def _counted(cells: NDArray[np.float64]) -> IndexArray:
     """Numbers of cells as integers; what is too large for one, which has no defined integer, as `UNCOUNTABLE`."""
@@ -157,33 +181,58 @@ def _counted(cells: NDArray[np.float64]) -> IndexArray:
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
-    inner = [float(axis.lower + i * axis.width) for i in range(axis.count)]
-    return read_only(np.array([*inner, float(axis.lower + sum(axis.extent) / 2)]))
+    (lower, upper), end = axis.layers, float(axis.lower + sum(axis.extent) / 2)
+    inner = [float(axis.lower + i * axis.width) for i in range(axis.count - lower - upper)]
+    return read_only(np.array([*inner[:lower], *inner, end, *[end] * upper]))
 
 
-def axis_of(grid: Grid, axis: int, width: Fraction) -> CellAxis:
+def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
     """Cells of some width on an axis of a grid."""
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
-    return CellAxis(exact(lower), extent, width, periodic)
+    return CellAxis(exact(lower), extent, width, periodic, layers)
 
 
-def axis_in_file(grid: Grid, axis: int, width: Any, count: Any) -> CellAxis:
+def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
+    """How many layers there are at the ends of an axis: one at each wall where a velocity depends on the coordinate.
+
+    None where measurements err: then nobody knows whether a state is at the wall.
+    """
+    grid, sensing = problem.grid, problem.sensing
+    known = not (np.any(sensing.error) or sensing.delay) and problem.dynamics.reads[:, axis].any()
+    lower, upper = (int(known and end == "wall" and not grid.periodic[axis]) for end in grid.ends[axis])
+    return lower, upper
+
+
+def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
     """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
+    walls = [end == "wall" and not grid.periodic[axis] for end in grid.ends[axis]]
+    if not isinstance(layers, list | tuple) or [*layers] not in [
+        [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
+    ]:
+        raise ValueError(
+            f"layers must be 0 or 1 at each wall of axis {axis}, and 0 elsewhere, got {reprlib.repr(layers)}"
+        )
+    lower, upper = map(int, layers)
     if not isinstance(width, str) or not re.fullmatch("[0-9]{1,300}(/[0-9]{1,300})?", width) or not Fraction(width):
         raise ValueError(f"the width of cells must be a positive fraction, got {reprlib.repr(width)}")
     extent = exact(grid.upper[axis]) - exact(grid.lower[axis])
-    if not 0.5 <= extent / Fraction(width) <= MOST_CELLS or axis_of(grid, axis, Fraction(width)).count != count:
+    fits = 0.5 <= extent / Fraction(width) <= MOST_CELLS
+    if not fits or axis_of(grid, axis, Fraction(width), (lower, upper)).count != count:
         raise ValueError(f"{reprlib.repr(count)} cells of width {reprlib.repr(width)} do not cover axis {axis}")
-    return axis_of(grid, axis, Fraction(width))
+    return axis_of(grid, axis, Fraction(width), (lower, upper))
 
 
 def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
-    """Cells as arrays for compiled code; the first `rows` axes number the blocks."""
+    """Cells as arrays for compiled code; the first `rows` axes number the blocks.
+
+    A layer is a cell like any other there, outside the wall: states at the wall are on its border.
+    """
     return Cells(
-        lower=np.array([float(axis.lower) for axis in axes]),
+        lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
         width=np.array([float(axis.width) for axis in axes]),
-        length=np.array([float(sum(axis.extent) / 2) for axis in axes]),
+        length=np.array([float(sum(axis.extent) / 2 + sum(axis.layers) * axis.width) for axis in axes]),
+        layers=np.array([axis.layers for axis in axes], dtype=np.int64).T.copy(),
         counts=np.array([axis.count for axis in axes], dtype=np.int64),
         periodic=np.array([axis.periodic for axis in axes]),
         rows=rows,
@@ -260,4 +309,4 @@ def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]
         back, ahead = moved_bounds(problem, axis, j)
         moves |= {(back + ahead) / 2, (ahead - back) / 2}
     widths = [aligned_width(extent, not grid.periodic[axis], list(moves), wish) for wish in wishes]
-    return [axis_of(grid, axis, width) for width in widths]
+    return [axis_of(grid, axis, width, layers_of(problem, axis)) for width in widths]

@@ -7,7 +7,7 @@ is clear of the set where it overlaps none of them.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, strike, strike_ends
+from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, strike, strike_ends
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -46,7 +46,7 @@ def lattice_of(
     Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
     box more: a tube is then looked up without it.
     """
-    own = cells_of([axes[axis] for axis in part.axes], 0)
+    own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in part.axes], 0)
     room = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(room ** (1 / len(part.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
@@ -130,13 +130,25 @@ class GeneralProof(Images):
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
-        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
+        self,
+        some: FloatArray,
+        ahead: FloatArray,
+        step: int,
+        sets: FloatArray,
+        pool: FloatArray,
+        among: FloatArray,
+        lines: bool,
     ) -> FloatArray:
         """Which of some inputs (M, L) are certified for cells (M, ndim) and steps to go (M,), bool (M, L).
 
-        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear.
+        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear. lines : whether
+        the cells come in lines along the axis `along`, which takes least time.
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
+        if len(sets) and lines and self.along >= 0:
+            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets[:0], pool, out)
+            inputs_in_lines(some, ahead, self.cells, self.moves(step), self.along, sets, pool, out)
+            return out
         certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
         return out
 

@@ -11,6 +11,11 @@ coordinate the state moves no slower than F there, and else it is ahead of the b
 inequalities). No integration is approximate. Walls only hold the state back: ends are clipped at them. What has left
 over a safe end is out of danger for good: once a whole tube is past one, nothing more is asked of it.
 
+From a cell of no width at a wall (`sdhj.certified.cells`) a state moves nothing while it is held there. But the shell
+reaches over it, and what is in the shell moves, until the wall has it. So where there are layers the first piece of an
+interval is short, `BESIDE_LAYER` of it; and a coordinate that cannot grow within a piece needs no room above its box,
+nor one that cannot fall below.
+
 Displacements, not places, are added up, outward rounded, so a state off its cell by the shell stays so near to the
 image; and an image may stick out of the cells that it is said to lie in by `DRIFT`, which a thousand steps are allowed.
 """
@@ -43,6 +48,7 @@ PIECES = 1 << 14  # that the state space is cut into, along the axes that veloci
 PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
 GUESSES = 40
 ROUNDED = 1 + 1e-12
+BESIDE_LAYER = 1e-7  # of an interval: the first piece beside a layer
 ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rim`
 
 
@@ -109,6 +115,11 @@ class Proof:
     axes: tuple[CellAxis, ...]
     parts: int
     inputs: ClassVar[Any]  # a method of each
+
+    @cached_property
+    def along(self) -> int:
+        """An axis in lines along which inputs of cells may be asked for in less time; -1 if there is none."""
+        return -1
 
     def places(self, some: FloatArray) -> FloatArray:
         """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
@@ -212,6 +223,11 @@ class Images(Proof):
     def bounds(self) -> Bounds:
         return Bounds(self.problem)
 
+    @cached_property
+    def layered(self) -> bool:
+        """Whether an axis has layers."""
+        return any(any(axis.layers) for axis in self.axes)
+
     @property
     def _always(self) -> tuple[float, float]:
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
@@ -225,6 +241,12 @@ class Images(Proof):
         """Those of the interval from a step."""
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.past)
+
+    @cached_property
+    def along(self) -> int:
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        carried = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        return int(carried[-1]) if carried.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
         return np.asarray(some @ self.strides)
@@ -309,6 +331,8 @@ class Images(Proof):
         for part in range(self.parts):
             tube = [moved[0], moved[1]]
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
+            if part == 0 and self.layered:
+                cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):
@@ -351,7 +375,11 @@ class Images(Proof):
         carried, (ends, room, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_room(start, moved, before, carried, self.shell, ends, room)
         for _ in range(TRIES):
-            if sweep(ends, self.bounds.velocity(j, room[0], room[1], *times), h, carried, self.shell, room, out):
+            velocity = self.bounds.velocity(j, room[0], room[1], *times)
+            if sweep(ends, velocity, h, carried, self.shell, room, out):
+                if self.layered:
+                    out[0] = np.where(~carried & (velocity[0] >= 0.0), ends[0], out[0])
+                    out[1] = np.where(~carried & (velocity[1] <= 0.0), ends[1], out[1])
                 return ends, out
             wider = 0.1 * (out[1] - out[0]) + self.shell
             wider_room = np.where(carried, ends, out + SIDES * wider)

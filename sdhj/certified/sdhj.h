@@ -48,7 +48,8 @@ typedef struct {
   const uint8_t *words, *inputs, *order, *index, *directory, *bodies, *tests;
   uint32_t axes, count_of_inputs, components, steps, starts, fields, brake, mask; /* mask: bytes */
   uint32_t word_bytes, number_of_words, id_bytes, index_bytes, at_bytes, blocks, number_of_bodies, number_of_tests;
-  uint32_t count[6], side[6], grid[6], periodic[6], safe_ends[6]; /* cells, of a block, blocks; bits: lower 1, upper 2 */
+  uint32_t count[6], side[6], grid[6]; /* cells, of a block, blocks */
+  uint32_t periodic[6], layers[6], safe_ends[6];  /* bits of the last two: lower end 1, upper end 2 */
 #ifndef SDHJ_NO_FLOAT
   double lower[6], width[6], length[6], error[6], upper[6], slack[6], delta;
 #endif
@@ -261,8 +262,9 @@ static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t siz
   for (axis = 0; axis < t->axes; axis++) {
     t->count[axis] = sdhj_u32(file + 160 + 4u * axis), t->side[axis] = sdhj_u32(file + 184 + 4u * axis);
     t->periodic[axis] = sdhj_u32(file + 208 + 4u * axis), t->safe_ends[axis] = sdhj_u32(file + 232 + 4u * axis);
+    t->layers[axis] = t->periodic[axis] >> 1, t->periodic[axis] &= 1u;
     if (t->count[axis] < 1u || t->count[axis] > 0x7ffffffeu || t->side[axis] < 1u || t->side[axis] > 65536u) return SDHJ_BAD_TABLE;
-    if (t->periodic[axis] > 1u || t->safe_ends[axis] > 3u) return SDHJ_BAD_TABLE;
+    if (t->layers[axis] > 3u || (t->periodic[axis] && t->layers[axis]) || t->safe_ends[axis] > 3u) return SDHJ_BAD_TABLE;
     t->grid[axis] = (t->count[axis] - 1u) / t->side[axis] + 1u;
     blocks *= t->grid[axis], cells *= t->side[axis];
     if (cells > 65536u || blocks * t->starts > UINT32_MAX) return SDHJ_BAD_TABLE;
@@ -317,6 +319,9 @@ static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, 
   for (axis = 0; axis < t->axes; axis++) {
     const double x = senses && !off ? sdhj_clipped(t, axis, state[axis]) : state[axis];
     const double length = t->length[axis], slack = t->slack[axis], most = (double)(t->count[axis] - 1u);
+    /* a layer is a cell that stands for a wall alone and lies behind it */
+    const double begin = t->layers[axis] & 1u ? t->width[axis] : 0.0;
+    const double end = t->layers[axis] & 2u ? length - t->width[axis] : length;
     double offset = x - t->lower[axis], below, above, first, last;
     if (t->periodic[axis]) {
       const double laps = offset / length;
@@ -324,8 +329,8 @@ static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, 
       if (!sdhj_between(laps, -1e9, 1e9)) return SDHJ_OFF_GRID; /* farther than numbers tell cells apart */
       turned = length * sdhj_floor(laps);
       offset -= turned;
-    } else if (offset < -slack || offset > length + slack) {
-      if (status != SDHJ_OFF_GRID && (t->safe_ends[axis] & (offset < 0.0 ? 1u : 2u))) status = SDHJ_PAST_SAFE_END;
+    } else if (offset < begin - slack || offset > end + slack) {
+      if (status != SDHJ_OFF_GRID && (t->safe_ends[axis] & (offset < begin ? 1u : 2u))) status = SDHJ_PAST_SAFE_END;
       else status = SDHJ_OFF_GRID;
       continue;
     }

@@ -54,9 +54,16 @@ checker judges what is then proved, and tests/certified/check/test_forged_robots
 
     1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
     1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"
+    1    layers are at walls, of cells that know where      "a layer at an end that is no wall",
+                                                            "a layer at an upper end that is no wall",
+                                                            "a layer where an axis closes",
+                                                            "a layer of cells that move alike"
     2    the adversary: bounds, gain, any way that it enters "a stronger push", "gusts from the other side"
     2    room for a piece, and the face of each end         "less growth", "growth from the lower end"
     2    walls hold back, on the way, too                   "a wall that holds"
+    2    only what a wall holds as a whole is in a layer    "coasting that stays on the layer",
+                                                            "the fastest that are not held by the wall"
+    2    who brakes onto a layer moves on the way           "braking without a cell more"
     2    dynamics at the time of the step, and all of it    "the tide of another hour", "a little later"
     2, 3 the last cell of a lap is narrower                 "a seam like any other edge"
     3    every cell of an image, in the next set            "a cell more", "a step into sets of another time"
@@ -97,7 +104,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import MOST_PIECES, CellAxis, aligned
 from sdhj.certified.choosing import chosen_cells, cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import h5py
 import numpy as np
 
-from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
@@ -143,12 +143,19 @@ class CertifiedTable(Table):
         """
         cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
-        known = ((low > cells.lower - 2 * shell) & (high - cells.lower < cells.length + 2 * shell)).all(axis=1)
+        begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
+        known = ((low - cells.lower > begin - 2 * shell) & (high - cells.lower < end + 2 * shell)).all(axis=1)
         for spare, answer in zip((shell + 2 * drift, -shell), out, strict=True):
             first = np.floor((low - cells.lower + spare) / cells.width)
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
+            if spare[0] > 0:  # all of a box that is no wider than a layer's shell is in the layer
+                at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
+                for at_wall, layer, place in zip(
+                    at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
+                ):
+                    first, last = (np.where(at_wall & (layer > 0), place, one) for one in (first, last))
             held_in_boxes(first, last, cells, index, self.pool, answer)
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
@@ -184,21 +191,23 @@ class CertifiedTable(Table):
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
         return out * (self.steps - step + 1) if self.problem.stays else out
 
-    def inputs_of(self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None) -> FloatArray:
+    def inputs_of(
+        self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
+    ) -> FloatArray:
         """Which inputs (M, L) are certified from all states of cells (M, ndim) for steps to go (M,), none where 0.
 
-        among (M, L): the inputs that are asked about.
+        among (M, L): the inputs that are asked about. lines: see `GeneralProof.inputs`.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
             return np.zeros_like(among)
         sets = self.index[self.place(step + 1, 0) : self.place(step + 1, self.steps) + 1]
-        return self.proof.inputs(cells, ahead, step, sets, self.pool, among)
+        return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
-        return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every)
+        return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""
@@ -368,6 +377,8 @@ class CertifiedTable(Table):
             "extents": [[str(bound) for bound in axis.extent] for axis in self.axes],
             "periodic": [axis.periodic for axis in self.axes],
         }
+        if self.cells.layers.any():
+            cells["layers"] = [list(axis.layers) for axis in self.axes]
         with written_table(path, self, cells=cells, proof=self.proof.stated) as file:
             file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
             chunks = (min(len(self.pool), 4096), self.pool.shape[1])
@@ -378,8 +389,9 @@ class CertifiedTable(Table):
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
         """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
         cells = head["cells"]
-        widths = zip(range(problem.grid.ndim), cells["widths"], cells["shape"], strict=True)
-        axes = tuple(axis_in_file(problem.grid, axis, width, count) for axis, width, count in widths)
+        every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
+        each = zip(every, cells["widths"], cells["shape"], layers, strict=True)
+        axes = tuple(axis_in_file(problem.grid, *one) for one in each)
         if cells["kind"] == ArmProof.kind and not as_built(problem):  # the checker goes by the recipe
             raise TableFileError(
                 "its recipe is that of another problem than its formulas: it was solved for another problem"

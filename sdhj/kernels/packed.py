@@ -21,11 +21,15 @@ BIT = np.uint64(1)
 
 
 class Cells(NamedTuple):
-    """The cells of every axis as arrays of shape (ndim,), and how blocks are packed."""
+    """The cells of every axis as arrays of shape (ndim,), and how blocks are packed.
+
+    layers (2, ndim) int64: 1 where the first or the last cell lies outside the axis, and stands for its end alone.
+    """
 
     lower: FloatArray
     width: FloatArray
     length: FloatArray
+    layers: FloatArray
     counts: FloatArray
     periodic: FloatArray
     rows: int  # leading axes that number the blocks; the others are packed
@@ -172,7 +176,9 @@ def cells_at(state, cells, slack, found):
             if not abs(offset / length) <= MOST_LAPS:
                 return 0
             offset -= length * math.floor(offset / length)
-        elif offset < -slack[axis] or offset > length + slack[axis]:
+        elif offset < cells.layers[0, axis] * width - slack[axis]:
+            return 0
+        elif offset > length - cells.layers[1, axis] * width + slack[axis]:
             return 0
         below, above = offset - slack[axis], offset + slack[axis]
         first = min(max(math.floor(below / width), 0), count - 1)

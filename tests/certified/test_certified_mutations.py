@@ -13,7 +13,7 @@ CELLS, IMAGES, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "
 DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
 RATE = "duration * (0.0 if self.rate is None else np.asarray(self.rate))"
 PACKED, LINKS, CONTACT, STENCILS, PIECES = (
-    f"kernels/{name}.py" for name in ("packed", "links", "contact", "stencils", "pieces")
+    f"kernels/{name}.py" for name in ("packed", "arm/links", "arm/contact", "stencils", "pieces")
 )
 SENSED = "test_what_an_interval_does_to_predictions"
 SAMPLES, GROWTH = "test_every_sample_is_inside", "test_general_reach_box"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sdhj.kernels import contact
-from sdhj.kernels.links import Agent, joint_moves
+from sdhj.kernels.arm import contact
+from sdhj.kernels.arm.links import Agent, joint_moves
 
 ARM = np.array([0.15, 0.15, 1.0])
 

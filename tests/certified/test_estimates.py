@@ -12,7 +12,7 @@ from toys import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj.certified import sets
-from sdhj.certified.arm_proof import ArmProof
+from sdhj.certified.arm.proof import ArmProof
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.problem import memory as memory_module
 

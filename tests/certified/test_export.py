@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 
 import digest_cases
+import forged_robots
 import numpy as np
 import pytest
 import toys
@@ -52,6 +53,7 @@ CASES = {
         digest_cases.CASES["cart, safe ends, certified"].problem,
         digest_cases.CASES["cart, safe ends, certified"].method,
     ),
+    "standing": (forged_robots.standing, sdhj.Certified(cells=(40, 10), parts=2)),
     "car": (toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),
     "for ever": (

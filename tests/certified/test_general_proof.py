@@ -304,7 +304,7 @@ def test_an_adversary_that_enters_as_it_likes_wins_no_run(name, rng):
 def test_images_are_inside_as_plain_loops_say(rng):
     """The kernel against loops over all cells of an image: walls, a period, safe ends, sets that are nearly full."""
     counts, periodic = np.array([4, 5, 7]), np.array([False, True, False])
-    cells = Cells(np.zeros(3), np.ones(3), np.ones(3), counts, periodic, 2)
+    cells = Cells(np.zeros(3), np.ones(3), np.ones(3), np.zeros((2, 3), int), counts, periodic, 2)
     room, found = np.empty((3, 3), np.int64), []
     for _ in range(300):
         inside = rng.random(counts) < 0.93

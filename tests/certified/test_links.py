@@ -6,7 +6,7 @@ import naive_certified as naive
 import numpy as np
 import pytest
 
-from sdhj.kernels import links
+from sdhj.kernels.arm import links
 
 ARM = np.array([0.15, 0.15, 1.0])
 PRINTED = np.array([0.15, 0.30, 0.0])

@@ -4,9 +4,9 @@ import naive_certified as naive
 import numpy as np
 import pytest
 
-from sdhj.certified.arm_proof import packed_window
+from sdhj.certified.arm.proof import packed_window
 from sdhj.kernels import packed
-from sdhj.kernels.links import Agent
+from sdhj.kernels.arm.links import Agent
 
 
 @pytest.mark.parametrize("count", [1, 63, 64, 65, 144])

@@ -71,6 +71,30 @@ FALSE = {
         "walled",
         COVER,
     ),
+    # layers
+    "layers at walls": (CELLS, 'int(known and end == "wall"', "int(known", "standing unsafely", COVER),
+    "all of an image at the wall": (CELLS, "np.where(end <= 0.0, 0,", "np.where(begin <= 1e-6, 0,", "standing", MOVES),
+    "all of an image at an upper wall": (
+        CELLS,
+        "np.where(begin >= length,",
+        "np.where(end >= length - 1e-6,",
+        "standing",
+        MOVES,
+    ),
+    "what is beside a layer": (
+        CELLS,
+        "+ lower, np.ceil(end / width) - 1 + lower",
+        ", np.ceil(end / width) - 1",
+        "standing",
+        MOVES,
+    ),
+    "room where something grows": (
+        IMAGES,
+        "(velocity[1] <= 0.0)",
+        "True",
+        "standing",
+        MOVES,
+    ),
     # moves
     "errors before": (
         IMAGES,

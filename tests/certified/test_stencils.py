@@ -17,7 +17,7 @@ def test_every_cell_whose_image_a_change_is_in_is_asked_again(seed):
     rng = np.random.default_rng(seed)
     counts = np.array([rng.integers(3, 7), rng.integers(3, 7), rng.choice([5, 64, 72, 130])])
     periodic = rng.random(3) < 0.5
-    cells = Cells(np.zeros(3), np.ones(3), counts.astype(float), counts, periodic, 2)
+    cells = Cells(np.zeros(3), np.ones(3), counts.astype(float), np.zeros((2, 3), int), counts, periodic, 2)
     low = rng.integers(-4, 3, (2, 3))
     reach = np.stack([low, low + rng.integers(0, 4, (2, 3))], axis=1)
     rows = np.sort(rng.choice(counts[0] * counts[1], 2, replace=False))
@@ -155,7 +155,11 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     """Images that do not depend on the last axis, which is up to three words long, with and without a period."""
     rng = np.random.default_rng(seed)
     counts, periodic = np.array([5, rng.choice([6, 63, 64, 100, 130])]), rng.random(2) < 0.5
-    cells, groups, keep = Cells(np.zeros(2), np.ones(2), np.ones(2), counts, periodic, 1), 1 + seed % 2, seed % 3 == 0
+    cells, groups, keep = (
+        Cells(np.zeros(2), np.ones(2), np.ones(2), np.zeros((2, 2), int), counts, periodic, 1),
+        1 + seed % 2,
+        seed % 3 == 0,
+    )
     inside, following = (rng.random((5, counts[1])) < share for share in (0.5, 0.9))
     low = rng.integers(-4, 3, (4, 5, 2)).astype(np.int16)
     high = (low + rng.integers(0, 4, low.shape)).astype(np.int16)

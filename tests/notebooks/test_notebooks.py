@@ -1,6 +1,6 @@
 """The notebooks as they are committed: whole, fresh, small; and the tool that says so.
 
-That their numbers still come out is checked by running them: pytest -p nbval --nbval-lax notebooks/
+That their numbers still come out is checked by running them: pytest --nbval-lax notebooks/
 """
 
 import base64

@@ -65,7 +65,7 @@ def explore_arm_game(nodes: int = 25, method: str = "hji") -> Explorer:
 
     controls = {
         "v_p": slider("pursuer's speed (m/s)", 0.0, 0.8, 0.05, 0.2, live=False),
-        "v_d": slider("disturbance (rad/s)", 0.0, 2.0, 0.1, 0.3, live=False),
+        "v_d": slider("disturbance (rad/s)", 0.0, 3.0, 0.15, 0.3, live=False),
         "delta": slider("sampling interval (s)", 0.05, 0.2, 0.01, 0.1, live=False),
         "levels": slider("input levels on each axis", 2, 7, 1, 5, live=False),
         "x": slider("static obstacle x (m)", -0.3, 0.3, 0.02, -0.22, live=False),

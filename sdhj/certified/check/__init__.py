@@ -37,7 +37,7 @@ import os
 import sys
 from typing import Any, cast
 
-from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.claims import Claim, Verdict
 from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import expect, expect_room, head_and_arrays, is_whole

@@ -23,7 +23,7 @@ Array = NDArray[Any]
 
 ONE = np.uint64(1)
 NONE = np.uint64(0)
-SOURCES = blake2b(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+SOURCES = blake2b(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py")))).hexdigest()
 # Numba would count the references to each array, which threads share; versions without the option do, and are slower.
 UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 

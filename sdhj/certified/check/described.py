@@ -214,5 +214,6 @@ class Velocity:
             return least, most
         gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))
         each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
-        push = each.sum(axis=2) * (1 + MOST_COUNTED * intervals.UNIT) + MOST_COUNTED * intervals.TINY
+        many = 2 * (1 + self.adversaries)  # roundings, of products and of their sum, with some to spare
+        push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY
         return intervals.outward(least - push, most + push)

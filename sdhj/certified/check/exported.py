@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check.arm import Arm, erode_all, shared
+from sdhj.certified.check.arm.claims import Arm, erode_all, shared
+from sdhj.certified.check.arm.rows import Stored, words_hold
+from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import Claim
 from sdhj.certified.check.reading import expect
 from sdhj.certified.check.robots import Robot
-from sdhj.certified.check.rows import Stored, words_hold
-from sdhj.certified.check.separation import STATE_ERROR
 
 MAGIC, HEAD = b"sdhjcell", 560
 FIELDS = ("steps", "select", "safe", "filter", "clear")
@@ -47,7 +47,8 @@ class Words:
         record, words, width, index_width, bodies, body_bytes, tests, at_width = numbers[8:]
         expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
         self.counts, self.sides, periodic, _ = np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
-        self.periodic, reals = periodic.astype(bool), np.frombuffer(data, "<f8", 38, 256)
+        self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
+        self.layers = np.stack([periodic >> 1 & 1, periodic >> 2], axis=1)  # at the lower, at the upper end
         self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
         self.delta = reals[36]
         expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
@@ -124,14 +125,21 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
     """In what the exported table is of another one than the sets of a file."""
-    world, near = sets.edges, np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near
+    own, near = (
+        [*zip(sets.axes, sets.layers, strict=True)],
+        np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
+    )
     periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
         "periodic axes": (words.periodic.tolist(), periodic.tolist()),
-        "begins": (words.lower.tolist(), [edge[0] for edge in world]),
+        "layers": (words.layers.tolist(), sets.layers),
+        "begins": (words.lower.tolist(), [float(low - a * width) for (low, width, *_), (a, _) in own]),
         "widths": (words.width.tolist(), [float(width) for _, width, *_ in sets.axes]),
-        "lengths": (words.length.tolist(), [float((least + most) / 2) for _, _, least, most in sets.axes]),
+        "lengths": (
+            words.length.tolist(),
+            [float((least + most) / 2 + sum(some) * width) for (_, width, least, most), some in own],
+        ),
         "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
         "steps": (words.steps, head["steps"]),
         "starts": (words.starts, 1 if timeless and not isinstance(sets, Arm) else words.steps + 1),

@@ -199,6 +199,9 @@ class Sets:
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
         expect(len(self.axes) == len(shape) == ndim, f"the problem has {ndim} axes", shape)
+        self.layers = [*map(list, head.get("layers", [(0, 0)] * ndim))]
+        whole = all(len(pair) == 2 and all(is_whole(n, 0, 1) for n in pair) for pair in self.layers)
+        expect(whole and len(self.layers) == ndim, "layers must be 0 or 1 at both ends of each axis", self.layers)
         self.counts, packed = np.array(shape), math.prod(shape[rows:])
         self.index = array(arrays, "index", np.uint32, entries, math.prod(shape[:rows]))
         self.pool = array(arrays, "pool", np.uint64, int(self.index.max()) + 1, -(-packed // 64))
@@ -207,17 +210,20 @@ class Sets:
 
     @cached_property
     def edges(self) -> list[Array]:
-        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number."""
-        return [
-            np.array([*(float(low + i * width) for i in range(n)), float(low + (least + most) / 2)])
-            for n, (low, width, least, most) in zip(self.counts.tolist(), self.axes, strict=True)
-        ]
+        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number; those of a layer are its end."""
+        out = []
+        for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
+            begin, end = float(low), float(low + (least + most) / 2)
+            inner = [float(low + i * width) for i in range(n - a - b)]
+            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))
+        return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
         """What is wrong with the cells of axes: of each its begin, least and greatest length, the doubt about it."""
         wrong: list[str] = []
-        own = zip(self.counts.tolist(), self.axes, ends, strict=True)
-        for axis, (n, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
+        own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
+        for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
+            n = cells - some
             fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)
             if not (fits and (n - 1) * width < least and n * width >= most):
                 wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")

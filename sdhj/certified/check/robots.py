@@ -49,6 +49,7 @@ from sdhj.certified.check.reading import (
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
 ROUNDED = 1e-15  # a difference of two coordinates
+AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
 SIDE = 8  # of a block of cells, on axes along which they move alike
@@ -143,6 +144,9 @@ class Robot(Sets):
             length = decimal(upper) - decimal(lower)
             ends.append((decimal(lower), length, length, length / 2**40 if periodic else Fraction(0)))
         wrong = self.uncovered(ends)
+        for k, side in product(range(len(ends)), (0, 1)):
+            at_wall = grid.ends[k][side] == "wall" and not grid.periodic[k] and self.known[k]
+            wrong += [] if at_wall or not self.layers[k][side] else [f"axis {k}: a layer where no wall holds"]
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
             free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
@@ -247,7 +251,8 @@ class Robot(Sets):
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
-            for begin, end in pairwise(np.unique([*own, np.clip(soonest, own[0], own[-1])]).tolist()):
+            soon = [self.length * AT_FIRST] if part == 0 and any(map(any, self.layers)) else []
+            for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
                 if begin <= soonest:
                     least, most = moved
                 moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))
@@ -268,7 +273,8 @@ class Robot(Sets):
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
-        room = box + self.known * (far + OUTWARD * some)  # all that is reached from the box within the piece
+        more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
+        room = box + self.known * (far + more)  # all that is reached from the box within the piece
         out = np.stack(self.velocity(j, room, times))
         for axis, side in product(np.flatnonzero(self.known), (0, 1)):
             face = room.copy()
@@ -279,9 +285,13 @@ class Robot(Sets):
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
         """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
-        for axis, (_, width, least, most) in enumerate(self.axes):
+        for axis, (lower, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
+            if any(self.layers[axis]):  # a layer's cells have no width, but what is past the wall counts as in it
+                own, begin = cells[:, axis], float(lower - self.layers[axis][0] * width)
+                first = begin + (own + low) * float(width) - self.edges[axis][own]
+                last = begin + (own + high + 1) * float(width) - self.edges[axis][own + 1]
             if self.periodic[axis] and self.known[axis]:  # cells need not be alike
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))

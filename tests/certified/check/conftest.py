@@ -9,8 +9,8 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 from plain import run_plainly
 
 import sdhj
-from sdhj.certified.check.arm import Scene
-from sdhj.certified.check.separation import World
+from sdhj.certified.check.arm.claims import Scene
+from sdhj.certified.check.arm.separation import World
 
 
 @pytest.fixture

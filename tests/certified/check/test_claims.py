@@ -16,7 +16,7 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 import sdhj
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.check import verify
-from sdhj.certified.check.arm import PI, Arm, Scene, counted
+from sdhj.certified.check.arm.claims import PI, Arm, Scene, counted
 
 pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
 

@@ -95,3 +95,18 @@ def test_tables_of_another_file_are_refused(windy, tmp_path):
         arrays["tables"] = h5py.ExternalLink("other.h5", "tables")
     with pytest.raises(ValueError, match="tables must be in the file itself"):
         verify(path, progress=False)
+
+
+@pytest.mark.parametrize("push", [5.0, 9.0, 40.0])
+def test_a_strong_push_is_widened_by_its_own_roundings(push, tmp_path):
+    """Moves that are right to the last cell are proved, however far an interval pushes: the product rounds once."""
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1, -1], [1, 1], [11, 11]),
+        sdhj.Dynamics([[0.0]], lambda q, u: np.stack([q[:, 1] + u[0], 0 * q[:, 1]], 1), [[0.0], [1.0]], [push]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5),
+        [],
+        0.3,
+        1,
+    )
+    sdhj.solve(problem, sdhj.Certified(cells=(10, 10)), progress=False, play=False).save(tmp_path / "pushed.h5")
+    assert (verdict := verify(tmp_path / "pushed.h5", progress=False)).ok, str(verdict)

@@ -4,13 +4,14 @@ import zlib
 from functools import cache
 from hashlib import sha256
 
+import forged_robots
 import numpy as np
 import pytest
 import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.check.robots import Robot
@@ -115,6 +116,17 @@ def test_two_words_that_change_places_are_refused(tmp_path):
     one, other = (slice(begin + word * size, begin + word * size + size) for word in (first, second))
     data[one], data[other] = data[other], data[one]
     assert failed(robot(), signed(data), tmp_path)
+
+
+def test_layers_are_those_of_the_table(tmp_path):
+    """A file that says that a cell of no width is one like any other, or the other way round."""
+    table = forged_robots.solved("standing")
+    assert not failed(table, exported_of(table), tmp_path)
+    for flag in (0, 2, 4, 7):
+        data = bytearray(exported_of(table))
+        assert data[212:216] == bytes([6, 0, 0, 0])  # of the speed: both ends
+        data[212] = flag
+        assert "exported: the cells and inputs are the table's" in failed(table, signed(data), tmp_path)
 
 
 def test_cells_claimed_elsewhere_are_refused(tmp_path):

@@ -12,7 +12,7 @@ from forging import FORGERIES, forged, replaced, spoiled
 from naive_certified import SMALL
 
 import sdhj
-from sdhj.certified.check.arm import Arm
+from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.reading import head_and_arrays
 
 LONGEST = 10.0  # seconds that an answer may take

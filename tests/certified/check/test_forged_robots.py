@@ -104,6 +104,57 @@ MUTATIONS = {
         "False",
         "a wall on the way",
     ),
+    # layers
+    "layers at walls": (
+        ROBOTS_PY,
+        'at_wall = grid.ends[k][side] == "wall" and',
+        "at_wall = True and",
+        "a layer at an end that is no wall",
+    ),
+    "layers at either end": (
+        ROBOTS_PY,
+        "grid.ends[k][side] == ",
+        "grid.ends[k][0] == ",
+        "a layer at an upper end that is no wall",
+    ),
+    "no layers where an axis closes": (
+        ROBOTS_PY,
+        "and not grid.periodic[k] and",
+        "and",
+        "a layer where an axis closes",
+    ),
+    "layers of cells that do not move alike": (
+        ROBOTS_PY,
+        "and not grid.periodic[k] and self.known[k]",
+        "and not grid.periodic[k]",
+        "a layer of cells that move alike",
+    ),
+    "where a lower layer is": (
+        ROBOTS_PY,
+        "float(lower - self.layers[axis][0] * width)",
+        "float(lower)",
+        "standing",
+    ),
+    "the lower end of an image beside layers": (
+        ROBOTS_PY,
+        "first = begin + (own + low) * float(width) - self.edges[axis][own]",
+        "first = begin - 9.0",
+        "the fastest that are not held by the wall",
+    ),
+    "layers have no width": (
+        READING,
+        "[*[begin] * a, *inner, end, *[end] * b]",
+        "[begin + i * float(width) for i in range(n + 1)]",
+        "standing",
+    ),
+    "layers are cells": (READING, "n = cells - some", "n = cells", "standing"),
+    "a short piece beside a layer": (ROBOTS_PY, "if part == 0 and any(", "if False and any(", "standing soon"),
+    "room only where something grows": (
+        ROBOTS_PY,
+        "more = OUTWARD * some * (far != 0)",
+        "more = OUTWARD * some",
+        "standing",
+    ),
     # moves
     "errors of measurements before": (
         ROBOTS_PY,
@@ -138,8 +189,8 @@ MUTATIONS = {
     "room to stay in": (ROBOTS_PY, "(~self.known | (OUTWARD * (room - box - far) > 0)).all()", "True", "less growth"),
     "all that is reached from the box": (
         ROBOTS_PY,
-        "(far + OUTWARD * some)  #",
-        "(OUTWARD * some)  #",
+        "(far + more)  #",
+        "more  #",
         "a speed that grows",
     ),
     "a closer tube": (ROBOTS_PY, "room = box + self.known * (far", "room = room + 0 * (far", "rail"),

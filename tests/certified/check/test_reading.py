@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from naive_certified import CIRCLE, STILL
 
-from sdhj.certified.check.arm import PI, Scene, overlapped
+from sdhj.certified.check.arm.claims import PI, Scene, overlapped
 
 
 def test_numbers_beyond_the_bound_on_rounding_are_refused(recipe):

@@ -9,8 +9,8 @@ import pytest
 from naive_certified import CIRCLE, LINE, STILL
 
 import sdhj
-from sdhj.certified.check import separation
-from sdhj.certified.check.arm import Scene
+from sdhj.certified.check.arm import separation
+from sdhj.certified.check.arm.claims import Scene
 
 pytestmark = pytest.mark.usefixtures("checked_plainly")
 

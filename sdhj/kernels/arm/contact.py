@@ -1,6 +1,6 @@
 """Compiled proofs that what moves does not meet the arm, for whole cells and intervals, and the inputs of a state.
 
-Nothing here reads a problem: `sdhj.certified.arm_proof` prepares the arrays.
+Nothing here reads a problem: `sdhj.certified.arm.proof` prepares the arrays.
 """
 
 import math
@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sdhj.kernels import FloatArray, links
+from sdhj.kernels import FloatArray
+from sdhj.kernels.arm import links
+from sdhj.kernels.arm.links import CONTACT_MARGIN, LINKS, Agent
 from sdhj.kernels.compiling import kernel
-from sdhj.kernels.links import CONTACT_MARGIN, LINKS, Agent
 from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 

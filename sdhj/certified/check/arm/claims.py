@@ -15,6 +15,9 @@ import numba
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.check.arm.recipe import expect_recipe
+from sdhj.certified.check.arm.rows import Stored, check_rows
+from sdhj.certified.check.arm.separation import DIRECTIONS, World
 from sdhj.certified.check.bits import Array, erode
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, SHOWN, Claim
 from sdhj.certified.check.reading import (
@@ -29,9 +32,6 @@ from sdhj.certified.check.reading import (
     reals,
     sizes,
 )
-from sdhj.certified.check.recipe import expect_recipe
-from sdhj.certified.check.rows import Stored, check_rows
-from sdhj.certified.check.separation import DIRECTIONS, World
 
 AGENTS = {"arm_case_study": "pursuer", "evader_case_study": "evader"}
 PI = (Fraction(314159265358979323846, 10**20), Fraction(314159265358979323847, 10**20))
@@ -128,7 +128,7 @@ class Scene:
 
 
 def refuse_large(world: World, steps: int) -> None:
-    """ValueError where a number breaks what the bound on rounding supposes: see `sdhj.certified.check.separation`."""
+    """ValueError where a number breaks what the bound on rounding supposes: see `separation`."""
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.goal[None]])
     moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
@@ -155,6 +155,7 @@ class Arm(Sets):
         pairs = [(start, within) for start in range(self.steps + 1) for within in range(self.steps + 1 - start)]
         self.pairs = np.array(pairs)
         super().__init__(head["cells"], arrays, 4, 2, len(pairs))
+        expect(not any(map(any, self.layers)), "cells of an arm have their width", self.layers)
         flags = (self.steps, len(self.scene.inputs()), *self.counts[:2].tolist())
         packed = array(arrays, "allowed", np.uint8, -(-math.prod(flags) // 8))
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)

@@ -21,9 +21,9 @@ from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, v
 from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, read_only
+from sdhj.kernels.arm.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
+from sdhj.kernels.arm.links import Agent, joint_moves
 from sdhj.kernels.compiling import hidden
-from sdhj.kernels.contact import ArmMotion, Disks, arm_inputs, cells_clear, pursuer_clear, tips_within
-from sdhj.kernels.links import Agent, joint_moves
 from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
@@ -87,7 +87,7 @@ class ArmProof(Proof):
 
     @property
     def shell(self) -> FloatArray:
-        """Of an arm in metres, as `sdhj.kernels.links` bounds it."""
+        """Of an arm in metres, as `sdhj.kernels.arm.links` bounds it."""
         return np.full(4, STATE_SLACK)
 
     @staticmethod
@@ -120,7 +120,14 @@ class ArmProof(Proof):
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
-        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
+        self,
+        some: FloatArray,
+        ahead: FloatArray,
+        step: int,
+        sets: FloatArray,
+        pool: FloatArray,
+        among: FloatArray,
+        lines: bool,
     ) -> FloatArray:
         """See `GeneralProof.inputs`."""
         out = among.copy()

@@ -6,8 +6,8 @@ Geometry is in metres and radians. `CONTACT_MARGIN` is added to every radius tha
 the target is tested with. It covers (a) rounding: positions are sums of a few products of numbers below ten, each
 operation off by at most 2^-53 of its result and sine and cosine by a few times that, so below 1e-13 m together, and
 (b) states off a certified cell by up to `STATE_SLACK` on each axis, which move a point of the arm by at most
-STATE_SLACK * (l1 + 2 l2) and the pursuer by 2 STATE_SLACK. Arms are a metre or so; `arm_proof` refuses lengths above
-ten.
+STATE_SLACK * (l1 + 2 l2) and the pursuer by 2 STATE_SLACK. Arms are a metre or so; `sdhj.certified.arm` refuses
+lengths above ten.
 """
 
 import math

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdhj.certified.check.arm.separation import BOUNDS, STACK, Bench, clear, sweep, tip_inside
 from sdhj.certified.check.bits import NONE, ONE, Array, any_bit, compiled, drop, has
-from sdhj.certified.check.separation import BOUNDS, STACK, Bench, clear, sweep, tip_inside
 
 
 class Stored(NamedTuple):
