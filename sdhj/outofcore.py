@@ -62,7 +62,7 @@ def solve_stored(
         else:
             free_name(path)
             plan = planned(problem, method, room=room_of(memory, client))
-        begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan)))
+        begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:
             room_for(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))

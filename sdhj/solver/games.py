@@ -51,6 +51,8 @@ BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving f
 ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
+Counted = Mapping[Axes, Sequence[int]]
+Wanted = Mapping[int, slice]
 NONE: Any = MappingProxyType({})  # no axis has an entry
 
 
@@ -165,15 +167,16 @@ class Wall:
 class _OnAxes:
     """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
 
+    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
     wanted : by the axis, where in a window the nodes are that are needed.
     """
 
     dtype: str
 
     def __init__(
-        self, problem: ReachAvoidProblem, axes: Sequence[int] | None, wanted: Mapping[int, slice] = NONE
+        self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        self.problem, self.wanted = problem, wanted
+        self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
@@ -223,25 +226,16 @@ class _OnAxes:
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences.
-
-    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
-    """
+    """Games 1 to 3 of App. A.3 by finite differences."""
 
     joint = False
 
     def __init__(
-        self,
-        problem: ReachAvoidProblem,
-        scheme: Scheme,
-        axes: Sequence[int] | None = None,
-        counted: Mapping[Axes, Sequence[int]] = NONE,
-        wanted: Mapping[int, slice] = NONE,
+        self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        super().__init__(problem, axes, wanted)
+        super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
-        self.counted = counted
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
         self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
@@ -379,7 +373,7 @@ class HJIGames(_OnAxes):
     @cached_property
     def formula(self) -> "HopfLaxGames":
         """The same games by the Hopf-Lax formula."""
-        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, self.wanted)
+        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`."""
@@ -388,12 +382,8 @@ class HJIGames(_OnAxes):
         return self.formula.tubes(wall, step)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
-        problem = self.problem
-        if self.by_formula(wall.axes):
-            yield from self.formula.each_tube(wall, step)
-            return
-        grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
+        """As `_OnAxes.each_tube`."""
+        grid, steps = self.problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.wall_at(wall, step, steps)
         keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
         groups = [] if wall.instant else self.groups(wall.axes, steps)
@@ -518,14 +508,9 @@ class HopfLaxGames(_OnAxes):
     shifted = True  # as `HJIGames.shifted`
 
     def __init__(
-        self,
-        problem: ReachAvoidProblem,
-        interpolation: str,
-        dtype: str,
-        axes: Sequence[int] | None = None,
-        wanted: Mapping[int, slice] = NONE,
+        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        super().__init__(problem, axes, wanted)
+        super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
@@ -556,12 +541,6 @@ class HopfLaxGames(_OnAxes):
         for some in self._tube_maxima(wall, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
-
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`."""
-        for some in self._tube_maxima(wall, step):
-            for begin in range(0, some.number, EIGHT):
-                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
     def _tube_maxima(self, wall: Wall, step: int) -> Iterator[Maxima]:
         """Each piece of the interval takes the box that holds all states of its duration."""

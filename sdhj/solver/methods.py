@@ -4,14 +4,14 @@ A method has a `name` and a function `sets(problem, progress)`, which returns th
 `sdhj.solver.recursion.recursion` fills in. Any object with these two can be passed to `solve`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.games import NONE, Axes, HJIGames, HopfLaxGames, JointGames
+from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
 from sdhj.solver.schemes import DTYPES, Scheme
 
@@ -63,19 +63,13 @@ class HJI(Options):
         """The options, for a table's details."""
         return {"games": self.games} | vars(self.scheme)
 
-    def on(
-        self,
-        problem: ReachAvoidProblem,
-        axes: Sequence[int] | None = None,
-        counted: Mapping[Axes, Sequence[int]] = NONE,
-        wanted: Mapping[int, slice] = NONE,
-    ) -> HJIGames:
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
         """The solver of the games of one interval, on some axes of a problem, by default all.
 
-        Of a window of a grid: `counted` are the time steps of each input on the whole grid, by the axes, and `wanted`
-        the nodes of an axis whose values are needed.
+        On a window of a grid: `counted`, by the axes, time steps of each input on the whole grid, and `wanted`, by the
+        axis, the nodes whose values are needed.
         """
-        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, counted, wanted)
+        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options)
@@ -115,15 +109,9 @@ class HopfLax(Options):
         """The options, for a table's details."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
-    def on(
-        self,
-        problem: ReachAvoidProblem,
-        axes: Sequence[int] | None = None,
-        counted: Mapping[Axes, Sequence[int]] = NONE,
-        wanted: Mapping[int, slice] = NONE,
-    ) -> HopfLaxGames:
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
         """As `HJI.on`; a formula has no time steps to be counted."""
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes, wanted)
+        return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.dtype, self.options)

@@ -152,7 +152,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-def cost_on_grid(plan: Plan, nbytes: int) -> Cost | None:
+def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     """What a solve costs by the model of `sdhj.problem.cost`, slabs with their halos; None of games that do not say."""
     problem, slabs = plan.problem, plan.layout.slabs
     games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
@@ -180,7 +180,7 @@ def cost_on_grid(plan: Plan, nbytes: int) -> Cost | None:
     crossed = max(crossed, games.crossed)
     check_crossing(problem, crossed, stacklevel=6)
     why = multiplied(problem, tubes, problem.grid.size, "nodes") + (f", in {slabs} slabs" if slabs > 1 else "")
-    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why)
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
