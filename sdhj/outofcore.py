@@ -10,6 +10,7 @@ import json
 import math
 import os
 import reprlib
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -36,6 +37,7 @@ from sdhj.table.store import STORE_FORMAT, Store, StoredTable, create, free_name
 
 __all__ = ["StoredTable", "load_stored", "solve_stored"]
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
+ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
 LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
@@ -88,7 +90,7 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
-        futures = [client.submit(work, plan, store, task, pure=False) for task in tasks]
+        futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
             for future in importlib.import_module("distributed").as_completed(futures):
                 yield future.result()
@@ -100,6 +102,12 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
             client.cancel([future for future in futures if not future.done()])
 
     return shared_out if client is not None else lambda tasks: (work(plan, store, task) for task in tasks)
+
+
+def work_alone(plan: Plan, store: Store, task: Task) -> Any:
+    """As `work`, where no other thread does."""
+    with ONE_AT_A_TIME:
+        return work(plan, store, task)
 
 
 def refuse(problem: ReachAvoidProblem, method: Any, resume: Any, client: Any) -> None:

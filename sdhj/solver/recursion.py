@@ -10,7 +10,6 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 """
 
 import math
-import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Protocol
@@ -36,7 +35,6 @@ PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need 
 CREEPING = 0.2  # cells a step: a boundary that moves by less is where it is, but for how the scheme wears it down
 STEPS_TOLD = 1, 20, 60  # steps of which a warning says what a table has
 STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on time
-ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
@@ -277,13 +275,12 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
 
 def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
     """Do a task and write what comes of it: the task, what `_avoid` returns, and what the ledger is to be told."""
-    with ONE_AT_A_TIME:
-        felt: list[bool] = []
-        if task.kind in plan.avoid:
-            values, felt = _avoid(plan, task)
-        else:
-            values = (_goal if task.kind == "goal" else _extend)(plan, arrays, task)
-        return task, felt, arrays.write(task.written, values)
+    felt: list[bool] = []
+    if task.kind in plan.avoid:
+        values, felt = _avoid(plan, arrays, task)
+    else:
+        values = (_goal if task.kind == "goal" else _extend)(plan, arrays, task)
+    return task, felt, arrays.write(task.written, values)
 
 
 def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
@@ -323,7 +320,7 @@ def _reaches(problem: ReachAvoidProblem, games: Any, values: FloatArray, step: i
     yield from in_eights(problem.grid, ((j, shrunk(problem, phi[inner])) for j, phi in reach))
 
 
-def _avoid(plan: Plan, task: Task) -> tuple[list[FloatArray], list[bool]]:
+def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[bool]]:
     """The avoid tubes of every input on one slab, or of all where they know nothing of the cut.
 
     Returns of each game, too, whether any node is in danger.
@@ -331,7 +328,9 @@ def _avoid(plan: Plan, task: Task) -> tuple[list[FloatArray], list[bool]]:
     problem, layout, kept = plan.problem.rimmed, plan.layout, plan.layout.axes(task.kind)
     begin, end = layout.span(task.slab)
     nodes = [end - begin if axis == layout.axis and layout.slabs > 1 else problem.grid.shape[axis] for axis in kept]
-    total, felt = np.empty((layout.inputs, *nodes), plan.dtype), list[bool]()
+    (total,), felt = arrays.room(task.written), list[bool]()
+    if total.shape[1:] != tuple(nodes):  # with a rim
+        total = np.empty((layout.inputs, *nodes), plan.dtype)
     for game in plan.avoid[task.kind]:
         danger = game.danger
         games, inside = plan.play_avoid(game, task.slab)
