@@ -74,7 +74,7 @@ def solve_stored(
                 meter.tick(number * meter.each / plan.layout.slabs)
 
         named = method.name, method.on, plan.dtype, method.options
-        sets = GridSets(problem, *named, plan, store, runner(plan, store, client), slabs_done)
+        sets = GridSets(problem, *named, None, plan, store, runner(plan, store, client), slabs_done)
         meter.tube()
         recursion(sets, problem.steps, meter.tube)
         details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}

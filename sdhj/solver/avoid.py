@@ -9,11 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
+from sdhj.solver.former import Former
+from sdhj.solver.games import Games
 from sdhj.solver.schemes import checked_travel
 
 MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
@@ -43,6 +46,16 @@ def dangers(problem: ReachAvoidProblem) -> list[Danger]:
         axes = problem.avoid_axes(part)
         found.append(Danger(axes, problem.moves(part), problem, part, (slice(None),) * len(axes)))
     return found + [_ends(problem, axis) for axis in np.flatnonzero(np.isfinite(low) | np.isfinite(high)).tolist()]
+
+
+def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
+    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want."""
+    found = former.tube(danger, step) if former else None
+    if found is None:
+        found = games.avoid(danger.part, step)[(slice(None), *inside)]
+    if former:
+        former.keep(danger, found)
+    return found
 
 
 def never_felt(part: UnsafeSet) -> str:

@@ -23,7 +23,8 @@ from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, shrunk
-from sdhj.solver.avoid import dangers, never_felt
+from sdhj.solver.avoid import dangers, never_felt, tube_of
+from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, read_window
@@ -202,7 +203,8 @@ class InputRows:
             fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
-        self.size = math.prod(grid.shape[-last:])
+        self.last, self.size = last, math.prod(grid.shape[-last:])
+        self.every = np.arange(grid.size // self.size)
         self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
@@ -237,8 +239,26 @@ class InputRows:
             self._known_lines[axes, number] = begin, at, widths, nodes
         return self._known_lines[axes, number]
 
-    def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, start: FloatArray) -> None:
-        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`."""
+    def of_planes(self, planes: FloatArray) -> FloatArray:
+        """Which rows have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        axes, lead = self.grid.ndim - self.last, planes.ndim
+        if axes > lead:  # lines
+            planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
+        return np.flatnonzero(planes.any(axis=tuple(range(axes, lead))))
+
+    def add(
+        self,
+        tube: FloatArray,
+        mask: FloatArray,
+        reach: Maxima | Pieces,
+        step: int,
+        start: FloatArray,
+        some: FloatArray | None = None,
+    ) -> None:
+        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`.
+
+        some : the rows in which that is done, by default all.
+        """
         behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
         if isinstance(reach, Maxima) and behind % self.size:
             reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
@@ -251,7 +271,8 @@ class InputRows:
         walls = Walls(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
         )
-        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start))
+        some = self.every if some is None else some
+        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start), some)
 
 
 def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
@@ -303,20 +324,30 @@ def _extend(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
         values = np.pad(values, played.rim, "edge")
     (rows, step), (tube, mask) = _rows(plan, arrays, task), arrays.room(task.written)
     start = np.full_like(before, np.inf) if problem.stays else before
-    for some in _reaches(problem, games, values, task.step):
-        rows.add(tube, mask, some, step, start)
+    patch: Patch | None = plan.kept.get("patch")
+    for some in _reaches(problem, games, values, task.step, patch):
+        rows.add(tube, mask, some, step, start, rows.of_planes(patch.rows) if patch else None)
         start = tube
+    if patch:
+        patch.copy_rest(tube, mask)
     if problem.stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
         np.maximum(tube, before, out=tube)
     return [tube, mask]
 
 
-def _reaches(problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
+    """Whether reach sets have to be written out, to be changed."""
+    return not hasattr(games, "reaches") or problem.rimmed is not problem or bool(problem.sensing)
+
+
+def _reaches(
+    problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
+) -> Iterator[Maxima | Pieces]:
     """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
-    if hasattr(games, "reaches") and problem.rimmed is problem and not problem.sensing:
-        yield from games.reaches(values, step)
+    if not written_out(problem, games):
+        yield from games.reaches(values, step, *[patch] * bool(patch))
         return
-    inner, reach = problem.rimmed.grid.inner, games.reach(values, step)  # written out, to be changed
+    inner, reach = problem.rimmed.grid.inner, games.reach(values, step)
     yield from in_eights(problem.grid, ((j, shrunk(problem, phi[inner])) for j, phi in reach))
 
 
@@ -331,12 +362,18 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
     (total,), felt = arrays.room(task.written), list[bool]()
     if total.shape[1:] != tuple(nodes):  # with a rim
         total = np.empty((layout.inputs, *nodes), plan.dtype)
+    keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
     for game in plan.avoid[task.kind]:
         danger = game.danger
         games, inside = plan.play_avoid(game, task.slab)
-        found = games.avoid(danger.part, task.step)[(slice(None), *inside)]
+        found = tube_of(games, danger, inside, task.step, keeps)
         felt.append(bool(found.max() > 0))
-        if len(felt) == 1 and found.flags.carray and (found.shape, found.dtype) == (total.shape, total.dtype):
+        if (
+            len(felt) == 1
+            and not keeps
+            and found.flags.carray
+            and (found.shape, found.dtype) == (total.shape, total.dtype)
+        ):
             total = found
             continue
         at, first = [kept.index(i) for i in danger.axes], len(felt) == 1
@@ -362,6 +399,8 @@ class GridSets:
     dtype : {"float32", "float64"}
     options : mapping
         The method's options, for the table's details.
+    former : Former, optional
+        An earlier solve, of which what cannot differ is copied.
     plan, arrays : Plan, Arrays
         How the grid is cut into slabs, and where these come from and go to; by default one slab, in memory.
     run : callable (tasks) -> iterable
@@ -382,6 +421,7 @@ class GridSets:
         games: Callable[..., Games],
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
+        former: Former | None = None,
         plan: Plan | None = None,
         arrays: Any = None,
         run: Callable[[list[Task]], Iterable[Any]] | None = None,
@@ -389,8 +429,10 @@ class GridSets:
     ) -> None:
         self.problem, self.options, self.timeless, self.tick = problem, dict(options or {}), problem.timeless, tick
         if plan is None:
-            plan = self._in_memory(problem, games, dtype)
+            plan = self._in_memory(problem, games, dtype, former)
         self.plan, self.arrays = plan, Memory(plan.layout) if arrays is None else arrays
+        patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        self.former = former if patches else None
         self.run = run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
         self._avoid_tubes()
         self.table = self.arrays.table(problem, method, LookupTable.places(problem))
@@ -404,13 +446,13 @@ class GridSets:
         return self.plan.whole
 
     @staticmethod
-    def _in_memory(problem: ReachAvoidProblem, games: Callable[..., Games], dtype: str) -> Plan:
+    def _in_memory(problem: ReachAvoidProblem, games: Callable[..., Games], dtype: str, former: Former | None) -> Plan:
         """The plan of one slab, after the check of memory."""
-        needed = memory_needed(problem, dtype)
+        needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
-        plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))))
+        plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem, stacklevel=6)
         return plan
@@ -419,6 +461,10 @@ class GridSets:
         """The avoid tubes: once for static unsafe sets, for each step for moving ones."""
         felt, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
+            if games and self.plan.former and (same := self._known(kind)) is not None:
+                self.arrays.arrays[kind] = same
+                felt |= {id(game.danger.part) for game in games}
+                continue
             for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
                 found = self._do(Task(kind, step, step))
                 looked_at &= len(found) == self.plan.layout.slabs_of(kind)
@@ -426,6 +472,12 @@ class GridSets:
         for part in self.plan.problem.rimmed.unsafe if looked_at else ():  # else an earlier solve has seen the others
             if id(part) not in felt:
                 warnings.warn(never_felt(part), stacklevel=6)
+
+    def _known(self, kind: str) -> FloatArray | None:
+        """The avoid tubes of a kind that a former solve has."""
+        moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
+        same = self.plan.former.same(found, moves, self.problem.most_steps if moves else 1)
+        return same if same is None or moves else same[0]
 
     def _do(self, task: Task) -> list[Any]:
         """Have a task done on all slabs where it is not; what `_avoid` said of these."""
@@ -448,7 +500,10 @@ class GridSets:
         if endless:
             require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
         places = [table.place(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
+        self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
+        if self.former and patch:
+            self.former.done(patch, step, within)
         if endless:
             tube, before = table.value_array(step, within), table.value_array(step, within - 1)
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))

@@ -55,6 +55,7 @@ class Plan:
     width: int = 0  # nodes of a slab; 0: all
     halo: int = 0  # nodes beside it in the games of being in a set
     counted: Mapping[Axes, Any] = field(default_factory=dict)  # as `HJIGames.counted`
+    former: Any = None  # an earlier solve in this process, of which what cannot differ is copied
     kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
 
     def __reduce__(self) -> Any:  # without what was kept

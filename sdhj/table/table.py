@@ -8,7 +8,7 @@ adversary couples axes, the box of a margin is larger than the reachable set, an
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -125,6 +125,7 @@ class LookupTable(Table):
     masks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
+    reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
 
     # ---- filling it in
 
