@@ -39,13 +39,16 @@ class Danger(NamedTuple):
 
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis."""
-    low, high = problem.grid.faces("unsafe")
-    found = []
-    for part in problem.unsafe:
-        axes = problem.avoid_axes(part)
-        found.append(Danger(axes, problem.moves(part), problem, part, (slice(None),) * len(axes)))
-    return found + [_ends(problem, axis) for axis in np.flatnonzero(np.isfinite(low) | np.isfinite(high)).tolist()]
+    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
+    if (found := vars(problem).get("_dangers")) is None:
+        found = [
+            Danger(axes := problem.avoid_axes(part), problem.moves(part), problem, part, (slice(None),) * len(axes))
+            for part in problem.unsafe
+        ]
+        unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
+        found += [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
+        vars(problem)["_dangers"] = found
+    return list(found)
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:

@@ -133,11 +133,12 @@ class Patch:
     ) -> FloatArray:
         """The PDE's solution on a grid that goes `past` the ends, solve(planes); and `rows`, which it is carried to.
 
-        reads : the order and number of stages; cells (ndim,): by how many at most the solution is shifted.
+        reads : the order and number of stages; cells : how many the disturbance may bring a state, and how many the
+            solution is shifted, at most along each axis.
         """
         lead = self.changed.ndim
         around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
-        planes = spread(grid, around, *reads)
+        planes = spread(grid, around, *reads) | carried_on(grid, around, cells[0])
         was = self.was_still
         if was is None or planes.all():
             still = solve(None)
@@ -148,7 +149,7 @@ class Patch:
                 still.reshape(shape)[rest] = was.reshape(shape)[rest]
         self.still, moved = still, planes if was is None else differing(still, was)
         inner = tuple(slice(n, n + m) for n, m in zip(past, self.changed.shape, strict=False))
-        self.rows = self.besides | carried_on(grid, moved, cells)[inner]
+        self.rows = self.besides | carried_on(grid, moved, cells[1])[inner]
         return still
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:

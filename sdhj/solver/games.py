@@ -275,6 +275,19 @@ class HJIGames(_OnAxes):
         shrinks = self.problem.stays & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
+    @cached_property
+    def brought(self) -> FloatArray:
+        """How far along each axis the disturbance moves a state in an interval, if that is a cell or more: (axes,).
+
+        Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps them.
+        Below a cell it reaches no other node, and interpolation alone would wear sets down. Nor where a component of
+        the disturbance moves several axes, as not all of a box can be reached.
+        """
+        far = self.push.sum(axis=1) * self.duration
+        return (
+            far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
+        )
+
     @property
     def shifted(self) -> bool:
         """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
@@ -338,26 +351,34 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            more = operations(grid, shift, shift)
+            far = self.brought[None]
+            more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
     def _shifts(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima]:
-        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
+
+        Psi is the greater of the solution by differences and of the maximum over what the disturbance reaches.
+        """
         (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
+        far = self.brought
 
         def solve(planes: FloatArray | None) -> FloatArray:
             self.solved += 1
-            return evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
+            still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
+            if far.any():  # differences would fill narrow gaps
+                np.maximum(still, next(maxima(grid, values, -far[None], far[None], SHIFT)).of()[0], out=still)
+            return still
 
         if patch:
-            cells = np.abs(shift).max(axis=0) / grid.spacing
+            cells = far / grid.spacing, np.abs(shift).max(axis=0) / grid.spacing
             still = patch.solve_still(solve, grid, past, self._reads(step, pushes), cells)
             if not patch.rows.any():
                 return

@@ -75,9 +75,10 @@ class Scheme(Options):
     frame : {"moving", "fixed"}
         "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
         shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
-        moves several axes, one of them with a wall, and is stronger there than the drift. If the drift is along
-        periodic axes only, and each component moves one axis, the avoid games are solved in closed form
-        (`sdhj.solver.hopf_lax`). "fixed", and otherwise: finite differences for everything.
+        moves several axes, one of them with a wall, and is stronger there than the drift. Where each component moves
+        one axis, by a cell or more in an interval, maxima are kept that differences would erode; if the drift is along
+        periodic axes only, the avoid games are then solved in closed form (`sdhj.solver.hopf_lax`). "fixed", and
+        otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
     Examples

@@ -389,8 +389,7 @@ def load_stored(path: Named, problem: ReachAvoidProblem | None = None, check: bo
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
     told = _unsealed(store.path / "index", store.seal)[0]
     with readable(store.path):
-        index = np.array(told["index"], dtype=np.int64)
-        found = StoredTable.of_arrays(head | {"details": dict(told["details"])}, store.mapped, index, problem)
+        found = StoredTable.of_arrays(head, store.mapped, np.array(told["index"], dtype=np.int64), problem)
     if check:
         store.check(list(store.layout.slabs_with(len(found.tubes))))
     object.__setattr__(found, "path", store.path)
@@ -421,6 +420,8 @@ def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
     with readable(path):
         if told["store"] != STORE_FORMAT:
             raise ValueError(f"it has store version {told['store']}, and this sdhj reads {STORE_FORMAT}")
+        if (path / "index").is_file():
+            told["details"] = _unsealed(path / "index", seal)[0]["details"]
         return checked_head(told), seal
 
 

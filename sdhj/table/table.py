@@ -172,7 +172,9 @@ class LookupTable(Table):
         if self.problem.timeless and self.problem.steps is not None:
             np.minimum(self.index, place - 1, out=self.index)
         else:
-            self.index[self.index >= place] -= 1
+            # half a million of a solve without a number of steps, of which the first two rows are asked
+            asked = self.index[: 2 * self.problem.most_steps + 1] if self.problem.steps is None else self.index
+            asked[asked >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
         """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
