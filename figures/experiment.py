@@ -139,7 +139,7 @@ class Plant:
             more=f'<option timestep="{STEP}"><flag contact="disable"/></option>'
             f"<actuator>{''.join(servos)}</actuator><sensor>{''.join(sensors)}</sensor>",
         )
-        # Not implicitfast: of a motor that is cut off, MuJoCo 3.2 counts the damping all the same, a third of its torque.
+        # Not implicitfast: MuJoCo 3.2 counts the damping of a motor that is cut off, a third of its torque.
         self.model, self.data = self.world.model, self.world.data
         self.joints = self.model.nq
         self.arm, self.pursuer, self.push = slice(1, 3), slice(3, 5), slice(1 + self.joints + 2, 1 + self.joints + 4)
