@@ -13,7 +13,7 @@ over a safe end is out of danger for good: once a whole tube is past one, nothin
 
 From a cell of no width at a wall (`sdhj.certified.cells`) a state moves nothing while it is held there. But the shell
 reaches over it, and what is in the shell moves, until the wall has it. So where there are layers the first piece of an
-interval is short, `SHORT` of it; and a coordinate that cannot grow within a piece needs no room above its box, nor one
+interval is short, `FIRST_PIECE` of it; and a coordinate that cannot grow within a piece needs no room above its box, nor one
 that cannot fall below.
 
 Displacements, not places, are added up, outward rounded, so a state off its cell by the shell stays so near to the
@@ -48,7 +48,7 @@ PIECES = 1 << 14  # that the state space is cut into, along the axes that veloci
 PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
 GUESSES = 40
 ROUNDED = 1 + 1e-12
-SHORT = 1e-7  # of an interval: the first piece beside a layer
+FIRST_PIECE = 1e-7  # of an interval: the first piece beside a layer
 ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rim`
 
 
@@ -321,7 +321,7 @@ class Images(Proof):
             tube = [moved[0], moved[1]]
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
             if part == 0 and self.layered:
-                cuts.insert(1, length * SHORT)
+                cuts.insert(1, length * FIRST_PIECE)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):

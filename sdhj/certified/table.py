@@ -115,12 +115,23 @@ class CertifiedTable(Table):
         place = self.place(start, within)
         out = self._fewest(points, place, place, self.proof.rim) == 0  # the shell is a run's reserve
         if self.problem.sensing:
-            around = self._around(np.atleast_2d(points)[out])
-            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place, self.proof.rim) == 0
+            around = self.around(np.atleast_2d(points)[out])
+            kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
 
-    def _around(self, states: FloatArray) -> FloatArray:
+    def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
+        """Whether predictions (M, ndim) are in no certified cell, (M,)."""
+        place = self.place(start, within)
+        return self._fewest(points, place, place, self.proof.rim) > 0
+
+    def holds(self, cell: FloatArray, start: int, within: int) -> bool:
+        """Whether a cell (ndim,) is certified."""
+        place, out = self.place(start, within), np.empty(1, np.int64)
+        fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
+        return bool(out[0] == 0)
+
+    def around(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
