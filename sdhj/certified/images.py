@@ -13,8 +13,8 @@ over a safe end is out of danger for good: once a whole tube is past one, nothin
 
 From a cell of no width at a wall (`sdhj.certified.cells`) a state moves nothing while it is held there. But the shell
 reaches over it, and what is in the shell moves, until the wall has it. So where there are layers the first piece of an
-interval is short, `FIRST_PIECE` of it; and a coordinate that cannot grow within a piece needs no room above its box, nor one
-that cannot fall below.
+interval is short, `FIRST_PIECE` of it; and a coordinate that cannot grow within a piece needs no room above its box,
+nor one that cannot fall below.
 
 Displacements, not places, are added up, outward rounded, so a state off its cell by the shell stays so near to the
 image; and an image may stick out of the cells that it is said to lie in by `DRIFT`, which a thousand steps are allowed.

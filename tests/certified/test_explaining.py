@@ -131,6 +131,3 @@ def test_a_state_that_may_be_measured_in_a_cell_that_is_not_certified():
         assert all(one.by or "certified" in one.says for one in says.failures) and says.helps
         at = float(says.says.split("[")[1].split("]")[0])
         assert abs(at - q[0]) <= 0.3 + 1e-9 and told.steps_to_go(np.array([[at]]), 0)[0] > 2
-    with pytest.warns(ResolutionWarning, match="may help"):
-        scanty = line(sensing=sdhj.Sensing(0.5), steps=2)
-        sdhj.solve(scanty, sdhj.Certified(cells=[40]), progress=False)
