@@ -87,7 +87,7 @@ def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            coarse = replace(problem, grid=few, recipe={})
+            coarse = replace(problem, grid=few, recipe={}, sensing=replace(problem.sensing, memory=False))
             sets = HJI().sets(coarse, False)
             recursion(sets, coarse.most_steps, lambda: None)
             table = sets.finish({})

@@ -96,6 +96,10 @@ def export_c(
     problem, fields = table.problem, tuple(one for one in FIELDS if one in only)
     if problem.sensing.delay:
         raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
+    if problem.sensing.memory:
+        raise ValueError(
+            "a table for a controller that remembers is not exported, as the file has no images: use memory=False"
+        )
     rule = rule or ("small" if fields == ("select",) else "deepest")
     option("rule", rule, (*RULES, "small"))
     for one in only:

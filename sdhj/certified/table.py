@@ -218,6 +218,35 @@ class CertifiedTable(Table):
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every)
 
+    def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The ends of the cells that points (M, ndim) are proved to lead to under inputs (M,): both (M, ndim).
+
+        Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
+        """
+        points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
+        rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
+        some = cells_near(points, self.cells, self.proof.shell, rows, cells)
+        rows, cells = rows[:some], cells[:some]
+        fewest, each = self.fewest(cells, step), np.arange(some)
+        held = fewest <= left
+        aheads = [np.full(some, left)] if self.problem.stays else [np.maximum(fewest, 1), np.full(some, left)]
+        good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
+        order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
+        firsts = order[np.unique(rows[order], return_index=True)[1]]
+        low, high = np.full((2, count, ndim), np.nan)  # off the grid
+        for row, cell in zip(rows[firsts].tolist(), cells[firsts], strict=True):
+            a, b = self.proof.image(cell, int(inputs[row]), step)
+            begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in (a, b))
+            low[row], high[row] = self._edge(begin), self._edge(end + 1)
+        return low, high, self.proof.unsure
+
+    def _edge(self, numbers: FloatArray) -> FloatArray:
+        """Where edges of such numbers (ndim,) are, those of periodic axes counted on over the seam: (ndim,)."""
+        counts, edges = self.cells.counts, [axis.edges() for axis in self.axes]
+        laps = np.where(self.cells.periodic, numbers // counts, 0)
+        at = np.where(self.cells.periodic, numbers % counts, numbers)
+        return np.array([edge[place] for edge, place in zip(edges, at, strict=True)]) + laps * self.cells.length
+
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""
         edges = [axis.edges() for axis in self.axes]

@@ -203,13 +203,16 @@ class ReachAvoidProblem:
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
+        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
+
+        With memory to hold the next point that is carried on: by what E grows.
+        """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
-        return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
+        return box, carried(slope, jumps, box, self.delta + 2 * sensing.jitter) + (-box if sensing.memory else box)
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
@@ -409,7 +412,7 @@ class ReachAvoidProblem:
             "view_time": self.view_time,
             "grid": {name: getattr(self.grid, name) for name in LAYOUT},
             "inputs": self.inputs.tolist(),
-            "sensing": vars(self.sensing) if self.sensing else {},
+            "sensing": self.sensing.told,
             "sets": target + sets,
         }
 
@@ -528,6 +531,20 @@ def shrunk(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] |
         nodes = grid.nodes(axis)
         beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
         out = np.maximum(out, beyond.astype(out.dtype))
+    return out
+
+
+def led_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
+    """Level-set function of the points that an interval has to lead to so that what follows is in {values <= 0}.
+
+    That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.
+    """
+    grown = problem.half_widths[1]
+    if not problem.sensing.memory:
+        return shrunk(problem, values)
+    if not grown.any():
+        return values
+    ((_, out),) = maximum_over_boxes(problem.grid, values, -grown[None], grown[None], "linear")
     return out
 
 

@@ -22,7 +22,7 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem, shrunk
+from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
@@ -304,7 +304,7 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         start = np.full_like(before, np.inf) if stays else before
-        played, values = self.problem.rimmed.grid, shrunk(self.problem, table.value_array(step + 1, within - 1))
+        played, values = self.problem.rimmed.grid, led_into(self.problem, table.value_array(step + 1, within - 1))
         if played is not self.problem.grid:
             values = np.pad(values, played.rim, "edge")
         for some in self._reaches(values, step):
@@ -322,8 +322,9 @@ class GridSets:
         if not self.written:
             yield from games.reaches(values, step)  # type: ignore[attr-defined]
         else:
+            kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
             reach = self.games.reach(values, step)
-            yield from in_eights(problem.grid, ((j, shrunk(problem, phi[played.inner])) for j, phi in reach))
+            yield from in_eights(problem.grid, ((j, kept(phi[played.inner])) for j, phi in reach))
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
