@@ -205,14 +205,23 @@ class ReachAvoidProblem:
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
 
-        With memory to hold the next point that is carried on: by what E grows.
+        With memory to hold the next point that is carried on: by what E grows, and by what a push does in the end.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
-        return box, carried(slope, jumps, box, self.delta + 2 * sensing.jitter) + (-box if sensing.memory else box)
+        if sensing.memory:
+            return box, self.spread - push * sensing.hold(self.delta)[0]
+        return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
+
+    @kept
+    def spread(self) -> FloatArray:
+        """By how much more than E the state is from where c alone would be, an interval after it was in c +- E: (ndim,)."""
+        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = carried(slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay)
+        return carried(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
@@ -262,7 +271,7 @@ class ReachAvoidProblem:
         if grid is self.grid:
             return self
         part = object.__new__(ReachAvoidProblem)  # its functions have been checked
-        kept = {one.name for one in fields(self)} | {"half_widths"}
+        kept = {one.name for one in fields(self)} | {"half_widths", "spread"}
         part.__dict__.update({name: one for name, one in vars(self).items() if name in kept})
         part.__dict__.update(grid=grid, _intervals={}, _static={})
         if not (self.dynamics.timed or self.dynamics.stateless):

@@ -24,6 +24,7 @@ from sdhj.table.explaining import Explanation, explain_on_grid
 CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
+STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 NEARLY = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
@@ -295,10 +296,19 @@ class Table:
 
         points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
         """
-        rows, problem = np.arange(len(points)), self.problem
-        moved = (end[rows if len(end) > 1 else 0, inputs] for end in problem.interval(step).reachable(points))
-        low, high = (self.grid.clipped(points + by) for by in moved)
-        return low, high, problem.half_widths[0]
+        problem, interval, ends = self.problem, self.problem.interval(step), []
+        still, (longest, early) = (
+            np.zeros((len(points), problem.dynamics.adversaries)),
+            problem.sensing.hold(problem.delta),
+        )
+        for length in sorted({longest, longest - early}):
+            states = points
+            for part in range(STRIDES):
+                t = problem.time(step) + length * part / STRIDES
+                states = interval.advance(states, inputs, still, t, length / STRIDES)
+            ends.append(states)
+        low, high = np.min(ends, axis=0) - problem.spread, np.max(ends, axis=0) + problem.spread
+        return self.grid.clipped(low), self.grid.clipped(high), problem.half_widths[0]
 
     def carried_on(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray

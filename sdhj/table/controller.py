@@ -19,9 +19,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
+from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
 
-STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
