@@ -41,7 +41,6 @@ from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, 
 from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-
 from sdhj.table.batches import STRIDES, threads
 
 PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on

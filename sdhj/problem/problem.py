@@ -218,7 +218,7 @@ class ReachAvoidProblem:
 
     @kept
     def spread(self) -> FloatArray:
-        """By how much more than E the state is from where c alone would be, an interval after it was in c +- E: (ndim,)."""
+        """By how much more than E a state of c +- E is off where c alone is led, an interval later: (ndim,)."""
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = carried(slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay)
         return carried(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
