@@ -42,7 +42,7 @@ def fast():
 
 
 def moved(states, accelerations, delta, rng, pieces=10):
-    """An interval of the plant; the disturbance switches, and the speed is held at its walls. Whether a stop was hit."""
+    """An interval of the plant: the disturbance switches, the speed is held at its walls. Whether a stop was hit."""
     hit, h = np.zeros(len(states), np.bool_), delta / pieces
     for _ in range(pieces):
         push = rng.choice([-PUSH, PUSH], len(states))
@@ -98,7 +98,7 @@ def test_step_is_the_loop(fast):
         assert (np.abs(controller.carried[0] - state[0]) <= ERROR + 1e-12).all()
         state, hit = moved(state, LEVELS[[action.input], 0], 0.01, rng)
         assert not hit.any()
-    state[0, 0] -= 0.05  # somebody has pushed it
+    state[0, 0] -= 0.05 * np.sign(state[0, 0])  # somebody has pushed it, towards the middle
     broken = controller.step(state[0], time=1.0)
     assert broken.missed and not broken.promised
     np.testing.assert_array_equal(controller.carried[0], state[0])
