@@ -58,7 +58,8 @@ def measured(states, rng):
 
 def test_sampling_faster_costs_nothing_any_more(fast):
     assert fast.fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
-    assert solved(0.01, memory=False).fraction() == 0.0
+    with pytest.warns(sdhj.ResolutionWarning, match="an input changes"):
+        assert solved(0.01, memory=False).fraction() == 0.0
     slow = [solved(0.1, memory=memory).fraction() for memory in (False, True)]
     assert slow[1] > slow[0] > 0.87
 
@@ -130,6 +131,11 @@ def test_a_file_says_so(fast, tmp_path):
     assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)
     assert "memory" not in joint(0.1, memory=False).numbers["sensing"]
     assert joint(0.1).digest != joint(0.1, memory=False).digest
+
+
+def test_a_solve_says_which_error_eats_the_set():
+    with pytest.warns(sdhj.ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
+        solved(0.01, cells=(40, 40), memory=False)
 
 
 def test_what_cannot_remember_says_so(fast, tmp_path):
