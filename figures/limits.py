@@ -87,12 +87,15 @@ def _of_stage(out: Any, phi: Any, after: Any, wall: Any, velocities: Any, order:
     return moved, phi.size * (axis * (phi.ndim - 1) + 5 + coupled)
 
 
-def _of_union(out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any) -> Any:
+def _of_union(
+    out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any, which: Any
+) -> Any:
     wide = [wall for wall in (walls.static, walls.moving) if wall.shape[2] > 1]
     made = _between(Leaves(*reach[1:])) if len(reach) == 7 else len(reach[1])
     moved = 2 * tube.nbytes + marks.nbytes * count // len(marks) // 4 + reach[0].nbytes
     moved += sum(wall[:count].nbytes for wall in (walls.static, walls.moving))
-    return moved, tube.size * count * (made + JOINED + len(wide))
+    share = which.size / len(tube)
+    return moved * share, tube.size * share * count * (made + JOINED + len(wide))
 
 
 def _of_maxima(out: Any, values: Any, leaves: Any, raised: bool, into: Any) -> Any:

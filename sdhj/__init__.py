@@ -53,7 +53,7 @@ from sdhj.simulation.runs import monte_carlo, simulate
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.projections import Projected
 from sdhj.solver.schemes import Scheme
-from sdhj.solving import estimate, load, solve
+from sdhj.solving import estimate, load, resolve, solve
 from sdhj.table.controller import Controller, NotAdmissible
 from sdhj.table.files import VERSION as __version__
 from sdhj.table.files import TableFileError
@@ -86,6 +86,7 @@ __all__ = [
     "intersection",
     "load",
     "monte_carlo",
+    "resolve",
     "simulate",
     "solve",
     "union",

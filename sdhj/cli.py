@@ -34,6 +34,7 @@ from sdhj.formulas.graph import Node, leaf
 from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
+from sdhj.problem.cost import MOST_OPERATIONS
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of
@@ -127,6 +128,7 @@ def main() -> None:
 @click.option(
     "--store", type=click.Path(path_type=Path), help="A folder for a table larger than memory, in place of -o."
 )
+@click.option("--operations", type=float, default=MOST_OPERATIONS, help="How many a solve may take; 1e13: some hours.")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The file to write or replace.")
 @plainly
 def solve_command(
@@ -135,6 +137,7 @@ def solve_command(
     cells: str | None,
     seconds: float | None,
     store: Path | None,
+    operations: float,
     output: Path | None,
     **of_the_arm: Any,
 ) -> None:
@@ -158,7 +161,7 @@ def solve_command(
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
         raise ValueError(f"{options} is of the arm's case study; state it in the problem of {robot}")
     problem = arm_case_study(**({"nodes": 25, "steps": 8} | given)) if robot is None else user_problem(robot, "ROBOT")
-    table = solve(problem, chosen, store=store)
+    table = solve(problem, chosen, store=store, operations=operations)
     if output is not None:
         try:
             table.save(output)

@@ -8,6 +8,7 @@ import toys
 
 import sdhj
 from sdhj.certified.check import verify
+from sdhj.solver.resolution import ResolutionWarning
 
 ERROR = np.array([0.002, 0.02])
 LEVELS = np.array([[-4.0], [-2.0], [0.0], [2.0], [4.0]])  # rad/s^2
@@ -58,7 +59,7 @@ def measured(states, rng):
 
 def test_sampling_faster_costs_nothing_any_more(fast):
     assert fast.fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
-    with pytest.warns(sdhj.ResolutionWarning, match="an input changes"):
+    with pytest.warns(ResolutionWarning, match="an input changes"):
         assert solved(0.01, memory=False).fraction() == 0.0
     slow = [solved(0.1, memory=memory).fraction() for memory in (False, True)]
     assert slow[1] > slow[0] > 0.87
@@ -134,7 +135,7 @@ def test_a_file_says_so(fast, tmp_path):
 
 
 def test_a_solve_says_which_error_eats_the_set():
-    with pytest.warns(sdhj.ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
+    with pytest.warns(ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
         solved(0.01, cells=(40, 40), memory=False)
 
 

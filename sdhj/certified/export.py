@@ -27,7 +27,7 @@ from sdhj.certified.table import CertifiedTable
 from sdhj.certified.words import CLEAR, Rule, words_of
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
-from sdhj.kernels.words import INPUTS, NOTHING, cells_of_blocks, number_records, pack_block
+from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.table.batches import threads
 from sdhj.table.controller import RULES, predicted, squared_distances
@@ -35,7 +35,7 @@ from sdhj.table.files import replaced_whole, writable_file
 
 FIELDS = ("steps", "select", "safe", "filter", "clear")  # of a word, in this order
 BLOCK_SIDES = {1: 256, 2: 16, 3: 6, 4: 4, 5: 3, 6: 3}  # cells of a block along each axis
-CELLS_AT_ONCE = 1 << 18
+CELLS_AT_ONCE = 1 << 20
 NO_INPUT, ARRIVED = 65535, 65534
 MOST_EXPORTED = 65533
 TESTS = 1000
@@ -142,8 +142,10 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.stays else min(1, left), None
     if "filter" in fields and within < left:
-        every = words_of(table, cells, step, left, None)
-    nearest = words_of(table, cells, step, within, rule, every)  # an input of the fewest steps is one of all steps
+        every = words_of(table, cells, step, left, None, lines=True)
+    nearest = words_of(
+        table, cells, step, within, rule, every, lines=True
+    )  # an input of the fewest steps is one of all steps
 
     def mask(words: FloatArray) -> FloatArray:
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
@@ -159,10 +161,8 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
     if "filter" in fields:
         parts["filter"] = parts["safe"] if every is None else mask(every)
     if "clear" in fields:
-        clear = (
-            words_of(table, cells, step, CLEAR, None) if left else np.zeros((len(cells), nearest.shape[1]), np.uint32)
-        )
-        parts["clear"] = mask(clear)
+        clear = np.packbits(table.clear_inputs(cells, step), axis=1, bitorder="little") if left else None
+        parts["clear"] = np.zeros((len(cells), -(-count // 8)), np.uint8) if clear is None else clear
     return np.concatenate([parts[one] for one in fields], axis=1)
 
 
@@ -193,38 +193,67 @@ class Packer:
             self.index.append(self.bodies.setdefault(body, len(self.bodies)))
 
 
-def slabs(table: CertifiedTable) -> tuple[FloatArray, int, list[tuple[int, int, int]]]:
-    """The sides of a block, the blocks of a start, and the work: a step, and the first block and how many."""
-    counts = np.array(table.shape)
-    sides = np.minimum(counts, BLOCK_SIDES[len(counts)])
-    blocks, each = int(prod((-(-counts // sides)).tolist())), max(1, CELLS_AT_ONCE // int(sides.prod()))
-    starts = range(1 if table.problem.timeless else table.steps + 1)
-    return sides, blocks, [(k, b, min(each, blocks - b)) for k in starts for b in range(0, blocks, each)]
+class InLines:
+    """The cells of a table, in pieces of whole blocks: of the first few axes one row of blocks, of the others all.
+
+    Attributes
+    ----------
+    sides, blocks : (ndim,) int64
+        Cells of a block along each axis, and blocks.
+    work : list of (int, tuple of int)
+        The step, and the row of blocks on each of the first axes, in the order of the file.
+    """
+
+    def __init__(self, table: CertifiedTable) -> None:
+        self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
+        self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
+        self.blocks = -(-self.counts // self.sides)
+        rows, every = self.sides.tolist(), (self.blocks * self.sides).tolist()
+        fits = (alone for alone in range(len(rows)) if prod(rows[:alone] + every[alone:]) <= CELLS_AT_ONCE)
+        alone = next(fits, len(rows) - 1)
+        starts = range(1 if table.problem.timeless else table.steps + 1)
+        self.work = [(step, at) for step in starts for at in np.ndindex(*self.blocks[:alone].tolist())]
+
+    def cells(self, at: Sequence[int]) -> FloatArray:
+        """The cells (M, ndim) of a piece, in lines along an axis; past the end of an axis its last cell again."""
+        begins = np.array([*at, *[0] * (len(self.sides) - len(at))]) * self.sides
+        ends = np.where(np.arange(len(self.sides)) < len(at), begins + self.sides, self.blocks * self.sides)
+        every = np.stack(np.meshgrid(*map(np.arange, begins, ends), indexing="ij", copy=False), axis=-1)
+        return np.minimum(np.moveaxis(every, self.along, -2).reshape(-1, len(self.sides)), self.counts - 1)
+
+    def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
+        """Numbers of the cells of a piece, by block: (B, cells)."""
+        blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
+        shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
+        shape.append(shape.pop(self.along))
+        cut = np.moveaxis(numbers.reshape(shape), -1, self.along)
+        cut = cut.reshape([one for pair in zip(blocks, self.sides.tolist(), strict=True) for one in pair])
+        order = [*range(0, cut.ndim, 2), *range(1, cut.ndim, 2)]
+        return np.ascontiguousarray(cut.transpose(order)).reshape(prod(blocks), -1)
 
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
     """The bytes of `sdhj_table.bin`."""
-    sides, blocks, work = slabs(table)
-    counts, cells, ndim = np.array(table.shape), int(sides.prod()), len(table.axes)
+    pieces, packer, several = InLines(table), None, threads()
 
-    def found(one: tuple[int, int, int]) -> FloatArray:
-        step, first, number = one
-        at = np.empty((number, cells, ndim), np.int64)
-        cells_of_blocks(first, sides, counts, at)
-        return records(table, at.reshape(-1, ndim), step, fields, rule)
+    def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
+        step, at = one
+        return records(table, pieces.cells(at), step, fields, rule)
 
-    packer, several = None, threads()
-    with tqdm(total=len(work), desc="words", disable=hidden(progress)) as bar, ThreadPoolExecutor(several) as pool:
-        for some in (work[at : at + several] for at in range(0, len(work), several)):
-            for rows in pool.map(found, some):
+    with (
+        tqdm(total=len(pieces.work), desc="words", disable=hidden(progress)) as bar,
+        ThreadPoolExecutor(several) as pool,
+    ):
+        for some in (pieces.work[at : at + several] for at in range(0, len(pieces.work), several)):
+            for (_, at), rows in zip(some, pool.map(found, some), strict=True):
                 packer = packer or Packer(rows.shape[1])
-                packer.blocks.append(packer.add(np.ascontiguousarray(rows)).reshape(-1, cells))
+                packer.blocks.append(pieces.in_blocks(packer.add(np.ascontiguousarray(rows)), at))
                 bar.update()
     assert packer is not None
     width = _bytes_for(packer.used)
     for numbers in packer.blocks:
         packer.pack(numbers, width)
-    return file_of(table, packer, fields, rule, brake, sides, blocks)
+    return file_of(table, packer, fields, rule, brake, pieces.sides)
 
 
 def _bytes_for(count: int) -> int:
@@ -233,7 +262,7 @@ def _bytes_for(count: int) -> int:
 
 
 def file_of(
-    table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray, blocks: int
+    table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray
 ) -> bytes:
     """The bytes of a file, of words and blocks that are numbered."""
     problem, grid, ndim = table.problem, table.grid, len(table.axes)

@@ -22,7 +22,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, strike, strike_ends
+from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, strike, strike_ends
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -130,13 +130,25 @@ class GeneralProof(Images):
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
-        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
+        self,
+        some: FloatArray,
+        ahead: FloatArray,
+        step: int,
+        sets: FloatArray,
+        pool: FloatArray,
+        among: FloatArray,
+        lines: bool,
     ) -> FloatArray:
         """Which of some inputs (M, L) are certified for cells (M, ndim) and steps to go (M,), bool (M, L).
 
-        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear.
+        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear. lines : whether
+        the cells come in lines along the axis `along`, which takes least time.
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
+        if len(sets) and lines and self.along >= 0:
+            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets[:0], pool, out)
+            inputs_in_lines(some, ahead, self.cells, self.moves(step), self.along, sets, pool, out)
+            return out
         certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
         return out
 

@@ -13,7 +13,7 @@ over a safe end is out of danger for good: once a whole tube is past one, nothin
 
 From a cell of no width at a wall (`sdhj.certified.cells`) a state moves nothing while it is held there. But the shell
 reaches over it, and what is in the shell moves, until the wall has it. So where there are layers the first piece of an
-interval is short, `FIRST_PIECE` of it; and a coordinate that cannot grow within a piece needs no room above its box,
+interval is short, `BESIDE_LAYER` of it; and a coordinate that cannot grow within a piece needs no room above its box,
 nor one that cannot fall below.
 
 Displacements, not places, are added up, outward rounded, so a state off its cell by the shell stays so near to the
@@ -47,7 +47,7 @@ PIECES = 1 << 14  # that the state space is cut into, along the axes that veloci
 PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
 GUESSES = 40
 ROUNDED = 1 + 1e-12
-FIRST_PIECE = 1e-7  # of an interval: the first piece beside a layer
+BESIDE_LAYER = 1e-7  # of an interval: the first piece beside a layer
 ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rim`
 
 
@@ -114,6 +114,11 @@ class Proof:
     axes: tuple[CellAxis, ...]
     parts: int
     inputs: ClassVar[Any]  # a method of each
+
+    @cached_property
+    def along(self) -> int:
+        """An axis in lines along which inputs of cells may be asked for in less time; -1 if there is none."""
+        return -1
 
     def places(self, some: FloatArray) -> FloatArray:
         """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
@@ -237,6 +242,12 @@ class Images(Proof):
         start = min(step, len(self.low) - 1)
         return Moves(self.low[start], self.high[start], self.strides, self.past)
 
+    @cached_property
+    def along(self) -> int:
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        carried = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        return int(carried[-1]) if carried.size else -1
+
     def places(self, some: FloatArray) -> FloatArray:
         return np.asarray(some @ self.strides)
 
@@ -321,7 +332,7 @@ class Images(Proof):
             tube = [moved[0], moved[1]]
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
             if part == 0 and self.layered:
-                cuts.insert(1, length * FIRST_PIECE)
+                cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):

@@ -202,21 +202,23 @@ class CertifiedTable(Table):
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
         return out * (self.steps - step + 1) if self.problem.stays else out
 
-    def inputs_of(self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None) -> FloatArray:
+    def inputs_of(
+        self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
+    ) -> FloatArray:
         """Which inputs (M, L) are certified from all states of cells (M, ndim) for steps to go (M,), none where 0.
 
-        among (M, L): the inputs that are asked about.
+        among (M, L): the inputs that are asked about. lines: see `GeneralProof.inputs`.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
             return np.zeros_like(among)
         sets = self.index[self.place(step + 1, 0) : self.place(step + 1, self.steps) + 1]
-        return self.proof.inputs(cells, ahead, step, sets, self.pool, among)
+        return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
-        return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every)
+        return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
     def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The ends of the cells that points (M, ndim) are proved to lead to under inputs (M,): both (M, ndim).

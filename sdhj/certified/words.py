@@ -47,18 +47,26 @@ def margins_of(
     if pairs.size:
         moved = states[pairs] + moves[rows[pairs], inputs]
         after = table.steps_to_go(table.grid.clipped(moved), step + 1)
-        after[table.grid.beyond(moved, "safe")] = 0  # out of danger for good
+        if table.grid.has("safe"):
+            after[table.grid.beyond(moved, "safe")] = 0  # out of danger for good
         margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
     return margins
 
 
 def words_of(
-    table: Any, cells: FloatArray, step: int, within: int, rule: Rule, among: FloatArray | None = None
+    table: Any,
+    cells: FloatArray,
+    step: int,
+    within: int,
+    rule: Rule,
+    among: FloatArray | None = None,
+    lines: bool = False,
 ) -> FloatArray:
     """The words (M, ...) uint32 of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them.
 
     Of each cell the inputs that leave max(steps to go, within) - 1 steps, or those that stay `CLEAR`. A built-in rule
     is asked at the cell's centre; without a rule no input is preferred. among: words with all inputs to be asked about.
+    lines: see `GeneralProof.inputs`.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -67,13 +75,15 @@ def words_of(
     if within == CLEAR:
         safe = table.clear_inputs(some, step)
     else:
-        safe = table.inputs_of(some, ahead, step, None if among is None else inputs_in(among[held], count))
+        safe = table.inputs_of(some, ahead, step, None if among is None else inputs_in(among[held], count), lines)
     bits = np.zeros((held.size, 4 * -(-count // 32)), np.uint8)
     bits[:, : -(-count // 8)] = np.packbits(safe, axis=1, bitorder="little")
-    out = np.full((len(cells), INPUTS + bits.shape[1] // 4), NOTHING)
-    out[:, INPUTS:] = 0
-    out[held, 0], out[held, INPUTS:] = to_go, bits.view("<u4")
-    out[held, 1] = chosen_of(table, some, step, ahead, to_go, safe, rule)  # -1 becomes NOTHING
+    made = np.empty((held.size, INPUTS + bits.shape[1] // 4), np.uint32)
+    made[:, 0], made[:, INPUTS:] = to_go, bits.view("<u4")
+    made[:, 1] = chosen_of(table, some, step, ahead, to_go, safe, rule)  # -1 becomes NOTHING
+    out = np.zeros((len(cells), made.shape[1]), np.uint32)
+    out[:, :INPUTS] = NOTHING
+    out[held] = made
     return out
 
 

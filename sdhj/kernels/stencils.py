@@ -13,7 +13,7 @@ from numba import prange
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.packed import BIT, has_bit, has_bits, row_and_bit, shifted_word
+from sdhj.kernels.packed import BIT, bits_between, has_bit, has_bits, row_and_bit, shifted_word
 
 
 class Moves(NamedTuple):
@@ -85,7 +85,9 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
             begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
         elif end - begin >= count:
             begin, end = 0, count - 1
-        first[axis], number[axis], at[axis] = begin % count, end - begin + 1, 0
+        first[axis], number[axis], at[axis] = begin, end - begin + 1, 0
+        if not 0 <= begin < count:  # a remainder takes longest
+            first[axis] = begin % count
         total *= number[axis] if axis < cell.size - 1 else 1
     return total
 
@@ -106,12 +108,22 @@ def image_inside(cell, low, high, safe, cells, index, pool, room):
 
     safe (2, ndim): see `Moves`.
     """
-    last = cell.size - 1
-    total = box_of_image(cell, low, high, safe, cells, cell.size, room)
+    return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, room), cells, index, pool, room)
+
+
+@kernel(**UNCOUNTED)
+def rows_inside(total, cells, index, pool, room):
+    """Whether all cells of a box with so many rows are in a set; room: as `box_of_image` leaves it, but for begins."""
+    last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], room[0, last], room[0, last] + room[1, last]
+    word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
+    asked = bits_between(word, begin, end)  # all of them where it is short, which most are
     for _ in range(total):
         block = pool[index[row_of_box(room, cells)]]
-        if not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
+        if short:
+            if block[word] & asked != asked:
+                return False
+        elif not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
         step_on(room[2], room[1], last)
     return True
@@ -499,3 +511,87 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
                 out[m, j] = image_inside(
                     cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, room
                 )
+
+
+@kernel(nogil=True)
+def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
+    """As `certified_inputs`, of inputs that are safe and of cells in lines along an axis but the last.
+
+    No place depends on that axis, and it has no safe ends. So from cell to cell of a line an image goes on along it,
+    and only what of it is new is looked at. out (M, L) bool: the inputs that are asked about; in place.
+    """
+    ndim, begin, room = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
+    seen = np.empty((len(sets), 3), np.int64)
+    while begin < some.shape[0]:
+        end, place = begin + 1, 0
+        while end < some.shape[0] and same_line(some[begin], some[end], along):
+            end += 1
+        for axis in range(ndim):
+            place += some[begin, axis] * moves.strides[axis]
+        for j in range(out.shape[1]):
+            if out[begin:end, j].any():
+                low, high = moves.low[j, place], moves.high[j, place]
+                total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, room)
+                if total == 0:  # past a safe end nothing is asked
+                    continue
+                total //= room[1, along]
+                rows, room[0, along], room[1, along] = np.empty(total, np.int64), 0, 1
+                for r in range(total):
+                    rows[r] = row_of_box(room, cells)
+                    step_on(room[2], room[1], ndim - 1)
+                line, shape = slice(begin, end), (rows, room[0, -1], room[0, -1] + room[1, -1])
+                seen[:, 1] = -2
+                asked = some[line, along], ahead[line], low[along], high[along]
+                slid_inside(asked, along, shape, cells, sets, pool, seen, out[line, j])
+        begin = end
+
+
+@kernel(inline="always")
+def same_line(cell, other, along):
+    """Whether two cells differ on one axis only."""
+    for axis in range(cell.size):
+        if axis != along and cell[axis] != other[axis]:
+            return False
+    return True
+
+
+@kernel(**UNCOUNTED)
+def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
+    """`inputs_in_lines` of one line under one input: out (M,) bool.
+
+    asked: where on the axis its cells are (M,), the steps to go (M,), and from where to where an image lies there.
+    shape: the rows (R,) of a slice of an image, the first one on the axis, and from where to where it lies on the last.
+    seen (n, 3): of each set the first slice that was looked at, the last one, or -2, and the last that is not in it.
+    """
+    (own, ahead, low, high), (rows, bit, past) = asked, shape
+    count, stride, whole = cells.counts[along], 1, cells.counts[-1]
+    for axis in range(along + 1, cells.counts.size - 1):
+        stride *= cells.counts[axis]
+    word, wanted = bit >> 6, bits_between(bit >> 6, bit, past)
+    short = past <= whole and (past - 1) >> 6 == word
+    for m in range(out.size):
+        if not out[m]:
+            continue
+        near, far = own[m] + low, own[m] + high
+        if not cells.periodic[along]:
+            near, far = min(max(near, 0), count - 1), min(max(far, 0), count - 1)
+        elif far - near >= count:
+            near, far = 0, count - 1
+        following = max(min(ahead[m], len(sets)) - 1, 0)
+        index, known = sets[following], seen[following]
+        if known[1] == -2 or near < known[0] or near > known[1] + 1 or far < known[1]:
+            known[0], known[1], known[2] = near, near - 1, near - 1
+        while known[2] < near and known[1] < far:
+            known[1] += 1
+            inside, at = True, known[1] % count * stride
+            for r in range(rows.size):
+                block = pool[index[at + rows[r]]]
+                if short:
+                    inside = block[word] & wanted == wanted
+                else:
+                    inside = has_bits(block, bit, min(past, whole))
+                    inside = inside and (past <= whole or has_bits(block, 0, past - whole))
+                if not inside:
+                    known[2] = known[1]
+                    break
+        out[m] = known[2] < near

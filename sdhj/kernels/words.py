@@ -113,21 +113,6 @@ def fewest_of_cells(some, cells, index, pool, out):
 
 
 @kernel(nogil=True)
-def cells_of_blocks(first, sides, counts, out):
-    """The cells of blocks first, first + 1, ...: out (B, cells, ndim). Past the end of an axis its last cell again."""
-    ndim = sides.size
-    for b in range(out.shape[0]):
-        for c in range(out.shape[1]):
-            block, inside = first + b, c
-            for back in range(ndim):
-                axis = ndim - 1 - back
-                blocks = (counts[axis] - 1) // sides[axis] + 1
-                cell = block % blocks * sides[axis] + inside % sides[axis]
-                out[b, c, axis] = min(cell, counts[axis] - 1)
-                block, inside = block // blocks, inside // sides[axis]
-
-
-@kernel(nogil=True)
 def number_records(records, known, used, slots, out):
     """The numbers of records (n, bytes) among the known ones (most, bytes), to which new ones are added: out (n,).
 
@@ -135,6 +120,9 @@ def number_records(records, known, used, slots, out):
     there is no room for all: then nothing in `out` counts.
     """
     for i in range(records.shape[0]):
+        if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
+            out[i] = out[i - 1]
+            continue
         mixed = np.uint64(0)
         for byte in records[i]:
             mixed = (mixed ^ np.uint64(byte)) * SPREAD

@@ -146,8 +146,9 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
         return crossed(float(games.cells[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
-        drift = np.abs(problem.dynamics.arrays[0][:, axis]).max()
-        return depth(games.scheme) * steps + crossed(float(drift) * games.duration / games.grid.spacing[axis])
+        drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
+        reached = max(depth(games.scheme) * steps, crossed(float(games.brought[axis]) / spacing))
+        return reached + crossed(float(drift) * games.duration / spacing)
     return depth(games.scheme) * _most(games, games.axes, counted)
 
 

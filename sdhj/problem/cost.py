@@ -95,7 +95,7 @@ class Meter:
                 f"this solve takes about {cost.operations:.1e} operations, and {self.most:.1e} are allowed (1e13 are "
                 f"some hours on two cores): in an interval the state crosses up to {cost.crossed:,.0f} cells, and "
                 f"there are {cost.why}. Check the units of delta and of velocities, use a shorter delta or fewer "
-                f"nodes, or allow more by solve(..., operations={1.1 * cost.operations:.1e})"
+                f"nodes, or allow more by --operations or solve(..., operations={1.1 * cost.operations:.1e})"
             )
         self.until = round(cost.once)  # whole numbers, which add up
         self.each = round((cost.operations - cost.once) / max(cost.tubes, 1))

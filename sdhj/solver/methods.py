@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.former import Former
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
 from sdhj.solver.schemes import DTYPES, Scheme
@@ -67,8 +68,8 @@ class HJI(Options):
         """The solver of the games of one interval, on some axes of a problem, by default all."""
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options)
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,8 @@ class HopfLax(Options):
         """The solver of the games of one interval, on some axes of a problem, by default all."""
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.dtype, self.options)
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.dtype, self.options, former)
 
 
 METHODS: dict[str, Any] = {  # by name; `sdhj.solving` adds those of higher layers

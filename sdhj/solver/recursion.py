@@ -24,6 +24,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
 from sdhj.solver.avoid import avoid_tubes, dangers
+from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
 from sdhj.table.batches import Table
@@ -194,7 +195,8 @@ class InputRows:
             fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
-        self.size = math.prod(grid.shape[-last:])
+        self.last, self.size = last, math.prod(grid.shape[-last:])
+        self.every = np.arange(grid.size // self.size)
         self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
@@ -229,8 +231,26 @@ class InputRows:
             self._known_lines[axes, number] = begin, at, widths, nodes
         return self._known_lines[axes, number]
 
-    def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, start: FloatArray) -> None:
-        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`."""
+    def of_planes(self, planes: FloatArray) -> FloatArray:
+        """Which rows have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        axes, lead = self.grid.ndim - self.last, planes.ndim
+        if axes > lead:  # lines
+            planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
+        return np.flatnonzero(planes.any(axis=tuple(range(axes, lead))))
+
+    def add(
+        self,
+        tube: FloatArray,
+        mask: FloatArray,
+        reach: Maxima | Pieces,
+        step: int,
+        start: FloatArray,
+        some: FloatArray | None = None,
+    ) -> None:
+        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`.
+
+        some : the rows in which that is done, by default all.
+        """
         behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
         if isinstance(reach, Maxima) and behind % self.size:
             reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
@@ -243,7 +263,8 @@ class InputRows:
         walls = Walls(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
         )
-        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start))
+        some = self.every if some is None else some
+        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start), some)
 
 
 class GridSets:
@@ -259,6 +280,8 @@ class GridSets:
     dtype : {"float32", "float64"}
     options : mapping
         The method's options, for the table's details.
+    former : Former, optional
+        An earlier solve, of which what cannot differ is copied.
 
     Raises
     ------
@@ -273,8 +296,9 @@ class GridSets:
         games: Callable[[ReachAvoidProblem], Games],
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
+        former: Former | None = None,
     ) -> None:
-        needed = memory_needed(problem, dtype)
+        needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
@@ -282,12 +306,13 @@ class GridSets:
         self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
         begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)
         check_resolution(problem, stacklevel=5)
-        tubes = avoid_tubes(problem.rimmed, games, self.games)
+        tubes = avoid_tubes(problem.rimmed, games, self.games, former)
         # whether the reach sets avoid everything already: joint games know of no unsafe ends
         joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
         self.rows = InputRows(problem.grid, nothing(problem, dtype) if joint else tubes)
         many = hasattr(self.games, "reaches") and problem.rimmed.grid is problem.grid
         self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
+        self.former = former if not self.written and getattr(self.games, "patches", False) else None
         self.table = LookupTable.empty(problem, method, dtype, tubes)
         self.shared, self.filled, self.changing = 0, 0, 1.0
         self.shares: dict[int, float] = {}  # of the state space, without a number of steps
@@ -304,23 +329,27 @@ class GridSets:
         tube, mask = table.value_array(step, within), table.mask_array(step, within)
         before, stays = table.value_array(step, within - 1), self.problem.stays
         start = np.full_like(before, np.inf) if stays else before
+        patch = self.former.patch(table, step, within) if self.former else None
         played, values = self.problem.rimmed.grid, led_into(self.problem, table.value_array(step + 1, within - 1))
         if played is not self.problem.grid:
             values = np.pad(values, played.rim, "edge")
-        for some in self._reaches(values, step):
-            rows.add(tube, mask, some, step, start)
+        for some in self._reaches(values, step, patch):
+            rows.add(tube, mask, some, step, start, rows.of_planes(patch.rows) if patch else None)
             start = tube
+        if self.former and patch:
+            patch.copy_rest(tube, mask)
+            self.former.done(patch, step, within)
         if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
             np.maximum(tube, before, out=tube)
         if endless:
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
             self.shares[within] = table.fraction(within=within)
 
-    def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+    def _reaches(self, values: FloatArray, step: int, patch: Patch | None) -> Iterator[Maxima | Pieces]:
         """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
         problem, played, games = self.problem, self.problem.rimmed.grid, self.games
         if not self.written:
-            yield from games.reaches(values, step)  # type: ignore[attr-defined]
+            yield from games.reaches(values, step, *[patch] * bool(patch))  # type: ignore[attr-defined]
         else:
             kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
             reach = self.games.reach(values, step)

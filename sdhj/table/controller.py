@@ -517,7 +517,7 @@ class Controller:
             At the last step, or if an argument does not fit.
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
-        if self.table.proved and type(wanted) is int and (found := self._filtered(q, step, wanted)):
+        if self.table.proved and np.ndim(q) == 1 and (found := self._filtered(q, step, wanted)):
             return found
         q, wanted = real_array("states", q), plain_array("wanted", wanted)
         if single := q.ndim == 1:
@@ -543,20 +543,29 @@ class Controller:
         answer: Sequence[Any] = (chosen, inputs[chosen], changed, overruled, promised, ~promised)
         return Filtered(*(field[0] for field in answer) if single else answer)
 
-    def _filtered(self, q: FloatArray, step: int, wanted: int) -> "Filtered | None":
-        """`filter` of one state and one index, where a proved table has a safe input: in a third of the time."""
-        inputs = self.problem.inputs
-        if np.ndim(q) != 1 or not 0 <= wanted < len(inputs):
+    def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
+        """`filter` of one state and one index or command, where a proved table has a safe input: in half the time."""
+        inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
+        if index is None:
+            wanted = plain_array("wanted", wanted)
+            if wanted.shape != inputs.shape[1:] or wanted.dtype.kind != "f" or not all(map(isfinite, wanted.tolist())):
+                return None
+            distances = squared_distances(inputs, wanted[None])
+        elif not 0 <= index < len(inputs):
             return None
-        if wanted not in self._apart:
-            self._apart[wanted] = squared_distances(inputs, inputs[wanted][None])
-            self._apart[wanted][0, wanted] = -1.0
-        batch = self._query(q, step, self.table.steps - step, self._apart[wanted])
+        elif index not in self._apart:
+            self._apart[index] = squared_distances(inputs, inputs[index][None])
+            self._apart[index][0, index] = -1.0
+        distances = distances if index is None else self._apart[index]
+        batch = self._query(q, step, self.table.steps - step, distances)
         chosen = batch.best[0]
         if chosen == NOT_ADMISSIBLE:
             return None
-        other = chosen != wanted
-        return Filtered(chosen, inputs[chosen], other, other, np.True_, np.False_)
+        changed = overruled = chosen != index
+        if index is None:
+            changed = np.bool_(inputs[chosen].tolist() != wanted.tolist())
+            overruled = np.bool_(distances[0, chosen] > distances.min())
+        return Filtered(chosen, inputs[chosen], changed, overruled, np.True_, np.False_)
 
     def choose(self, batch: Batch) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.

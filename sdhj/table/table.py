@@ -8,7 +8,7 @@ adversary couples axes, the box of a margin is larger than the reachable set, an
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -125,6 +125,7 @@ class LookupTable(Table):
     masks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
+    reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
 
     # ---- filling it in
 
@@ -171,7 +172,9 @@ class LookupTable(Table):
         if self.problem.timeless and self.problem.steps is not None:
             np.minimum(self.index, place - 1, out=self.index)
         else:
-            self.index[self.index >= place] -= 1
+            # half a million of a solve without a number of steps, of which the first two rows are asked
+            asked = self.index[: 2 * self.problem.most_steps + 1] if self.problem.steps is None else self.index
+            asked[asked >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
         """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.

@@ -78,7 +78,7 @@ def test_it_takes_the_layer(standing):
 
 def test_the_first_piece_is_short(standing, monkeypatch):
     """Otherwise what counts as in the layer, 1e-10 beside it, moves on by more than rounding."""
-    monkeypatch.setattr("sdhj.certified.images.FIRST_PIECE", 0.05)
+    monkeypatch.setattr("sdhj.certified.images.BESIDE_LAYER", 0.05)
     again = sdhj.solve(blocked(), sdhj.Certified(cells=(200, 30)), progress=False, play=False)
     assert not again.contains([[10.0, 0.0], [49.0, 0.0]]).any()
     assert standing.contains([[10.0, 0.0], [49.0, 0.0]]).all()

@@ -162,6 +162,16 @@ def test_one_node_less_is_too_few_for_hopf_and_lax():
     assert not np.array_equal(*played(method, problem, halo - 1, np.random.default_rng(0)))
 
 
+@pytest.mark.parametrize("gain", [0.3, 0.6, 2.4])
+def test_what_the_disturbance_reaches_is_beside_a_slab(gain):
+    """A push of 1.1, 2.2 and 8.6 cells: the maximum over it may read farther than time steps of first order."""
+    method = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler"))
+    problem = rough_problem(72, gain=gain, drift=0.3)
+    games = method.on(problem)
+    assert games.shifted and games.brought.all()
+    assert np.array_equal(*played(method, problem, reach_halo(games, 0, {}), np.random.default_rng(0)))
+
+
 def test_what_a_time_step_reads():
     assert [depth(scheme) for scheme in SCHEMES] == [1, 4, 9, 4]
 

@@ -120,7 +120,14 @@ class ArmProof(Proof):
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
-        self, some: FloatArray, ahead: FloatArray, step: int, sets: FloatArray, pool: FloatArray, among: FloatArray
+        self,
+        some: FloatArray,
+        ahead: FloatArray,
+        step: int,
+        sets: FloatArray,
+        pool: FloatArray,
+        among: FloatArray,
+        lines: bool,
     ) -> FloatArray:
         """See `GeneralProof.inputs`."""
         out = among.copy()

@@ -196,8 +196,8 @@ MUTATIONS = {
     "the time of a step": (ROBOTS_PY, "self.time(start), finer", "self.time(0), finer", "the tide of another hour"),
     "the whole time of a piece": (
         ROBOTS_PY,
-        "out = np.stack(self.velocity(j, room, times))\n        for",
-        "out = np.stack(self.velocity(j, room, times[:1] * 2))\n        for",
+        "np.concatenate(every, axis=1), times)",
+        "np.concatenate(every, axis=1), times[:1] * 2)",
         "a little later",
     ),
     "room to stay in": (ROBOTS_PY, "(~self.known | (OUTWARD * (room - box - far) > 0)).all()", "True", "less growth"),
@@ -217,8 +217,8 @@ MUTATIONS = {
     "the face on its side": (ROBOTS_PY, "(box[side] + far", "(box[1] + far", "growth from the lower end"),
     "the worst in a face": (
         ROBOTS_PY,
-        "self.velocity(j, face, times)[side][:, axis]",
-        "self.velocity(j, face, times)[0][:, axis]",
+        "found[side, own, :, axis]",
+        "found[0, own, :, axis]",
         "less growth",
     ),
     "states near a cell": (ROBOTS_PY, "self.ends(cells, self.near)", "self.ends(cells)", "states near a cell"),

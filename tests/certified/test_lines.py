@@ -1,0 +1,65 @@
+"""Inputs of cells in lines, whose images share slices, against each cell alone."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj.certified.export import InLines
+
+
+def robot(periodic, end):
+    """A cart that slides along x, with its speed v and a heading that nothing reads: images depend on v alone."""
+    grid = sdhj.Grid(
+        [-1, -1, -1], [1, 1, 1], [11, 11, 11], periodic=[periodic, False, False], ends=(end, "unsafe", "wall")
+    )
+    drift = lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0]), np.full(len(q), u[1])], axis=1)  # noqa: E731
+    inputs = list(product([-1.0, 0.0, 1.0], [-0.5, 0.5]))
+    dynamics = sdhj.Dynamics(inputs, drift, [[0.0], [1.0], [0.0]], [0.1])
+    post = sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 0.5, p[:, 1]) - 0.2, name="post")
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.4, p[:, 1]) - 0.3)
+    return sdhj.ReachAvoidProblem(grid, dynamics, None if end == "safe" else target, [post], 0.3, 4)
+
+
+@pytest.mark.parametrize(("periodic", "end"), [(True, "unsafe"), (False, "unsafe"), (False, "safe")])
+def test_lines_of_cells_are_answered_as_each_cell_alone(periodic, end):
+    table = sdhj.solve(robot(periodic, end), sdhj.Certified(cells=(25, 24, 70)), progress=False, play=False)
+    assert table.proof.along == (-1 if end == "safe" else 0)  # a cell past a safe end is not asked
+    pieces, rng = InLines(table), np.random.default_rng(0)
+    asked = 0
+    for step, at in pieces.work[:3]:
+        cells = pieces.cells(at)
+        to_go = table.fewest(cells, step)
+        held = to_go <= table.steps - step
+        lines, to_go = cells[held], to_go[held]
+        for order in (
+            np.arange(len(lines)),
+            rng.permutation(len(lines)),
+            np.flatnonzero(rng.random(len(lines)) < 0.3)[::-1],
+        ):
+            for ahead in (np.full(order.size, table.steps), to_go[order], rng.integers(0, 5, order.size)):
+                among = rng.random((order.size, 6)) < 0.8
+                alone = table.inputs_of(lines[order], ahead, step, among)
+                assert np.array_equal(table.inputs_of(lines[order], ahead, step, among, lines=True), alone)
+                asked += alone.sum()
+    assert asked > 1000
+
+
+def test_pieces_hold_each_cell_once_and_in_the_blocks_of_the_file():
+    table = sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 20)), progress=False, play=False)
+    for most in (1 << 20, 3000, 10):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sdhj.certified.export.CELLS_AT_ONCE", most)
+            pieces = InLines(table)
+            parts = [
+                pieces.in_blocks(np.ravel_multi_index(tuple(pieces.cells(at).T), table.shape), at)
+                for _, at in pieces.work
+            ]
+        found = np.concatenate(parts)
+        sides, counts = pieces.sides, np.array(table.shape)
+        for number, block in enumerate(np.ndindex(*pieces.blocks.tolist())):
+            inside = np.array(list(np.ndindex(*sides.tolist()))) + np.array(block) * sides
+            expected = np.ravel_multi_index(tuple(np.minimum(inside, counts - 1).T), table.shape)
+            assert np.array_equal(found[number], expected)
