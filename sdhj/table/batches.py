@@ -25,7 +25,7 @@ CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
-NEARLY = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
+CARRIED_OFF = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
@@ -323,7 +323,7 @@ class Table:
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
         turns = np.where(periodic, np.round((seen - (low + high) / 2) / length), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
-        far = 2 * off + NEARLY * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        far = 2 * off + CARRIED_OFF * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown
         lost = ~held.all(axis=1)
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
