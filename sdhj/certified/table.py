@@ -524,7 +524,11 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
+    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
+
+    Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
+    """
+    problem = replace(problem, sensing=replace(problem.sensing, memory=False))
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})

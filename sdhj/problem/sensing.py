@@ -62,7 +62,7 @@ class Sensing:
         Index into problem.inputs of the input that is held before the first chosen one starts.
     memory : bool
         Whether the controller remembers from step to step what the state can be (*Memory* in `sdhj.problem.sensing`):
-        larger sets, the more the higher the rate, for control loops that ask `Controller.step`. For "certified".
+        larger sets, the more the higher the rate, for control loops that ask `Controller.step`. Not in C.
 
     Raises
     ------
@@ -77,8 +77,9 @@ class Sensing:
     >>> import sdhj
     >>> problem = sdhj.arm_case_study(nodes=15, steps=3)
     >>> sensed = replace(problem, sensing=sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01))
-    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed)]
-    [0.19, 0.07]
+    >>> remembers = replace(problem, sensing=replace(sensed.sensing, memory=True))
+    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, remembers)]
+    [0.19, 0.07, 0.15]
     """
 
     error: Any = 0.0
