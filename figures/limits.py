@@ -111,7 +111,7 @@ MEASURED: tuple[tuple[Any, str, str, Callable[..., Any]], ...] = (
     (Formula, "__call__", "sampling", _of_formula),
     (ReachAvoidProblem, "unsafe_over", "sampling", lambda out, *_, **__: (8 * out.size, 0)),
     (ReachAvoidProblem, "goal", "sampling", lambda out, *_: (8 * out.size, 0)),
-    (recursion, "avoid_tubes", "avoid tubes", lambda out, *_: (3 * (out.static.nbytes + out.moving.nbytes), 0)),
+    (recursion, "_avoid", "avoid tubes", lambda out, *_: (3 * out[0][0].nbytes, 0)),
     (schemes, "stage", "stages", _of_stage),
     (schemes, "_padded", "stages", lambda out, grid, layout, values, _: (values.nbytes + out.nbytes, 0)),
     (schemes, "_inner", "stages", lambda out, layout, padded, values: (values.nbytes + padded.nbytes, 0)),

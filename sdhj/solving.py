@@ -12,6 +12,7 @@ from sdhj.certified.explaining import scanty
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
+from sdhj.outofcore import solve_stored
 from sdhj.problem.checks import number
 from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.problem import ReachAvoidProblem
@@ -25,6 +26,7 @@ from sdhj.solver.recursion import GridSets, Sets, recursion
 from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
+from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -56,8 +58,8 @@ def solve(
         operations of `estimate`. For a problem without a number of steps it shows the share of states that still
         change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
-        A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
-        (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
+        A folder, for example "table", in which the table is built slab by slab, for tables larger than memory
+        (methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
     resume : bool
         Continue a store that an earlier solve of the same problem left unfinished; start one if there is none.
     client : distributed.Client, optional
@@ -93,11 +95,9 @@ def solve(
     for message in suspicions(problem):
         warnings.warn(message, ResolutionWarning, stacklevel=2)
     if store is not None:
-        from sdhj.outofcore import solve_stored
-
         return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
-        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
+        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
         sets = _filled(problem, method, progress, most)
@@ -274,9 +274,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     """
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
-    if isinstance(path, str | os.PathLike) and os.path.isfile(os.path.join(path, "zarr.json")):
-        from sdhj.outofcore import load_stored
-
+    if isinstance(path, str | os.PathLike) and is_store(path):
         return load_stored(path, problem)
     with opened(path) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable

@@ -5,9 +5,6 @@ to the nearer end. On the grid itself no state could cross an end, so this avoid
 extends past the ends, as far as one interval can lead; there the dynamics are those at the end.
 """
 
-import warnings
-from collections.abc import Callable
-from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +12,12 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, shrunk
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
 from sdhj.solver.former import Former
 from sdhj.solver.games import Games
 from sdhj.solver.schemes import checked_travel
-from sdhj.table.table import AvoidTubes
 
 MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
 
@@ -55,61 +51,11 @@ def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     return list(found)
 
 
-def avoid_tubes(
-    problem: ReachAvoidProblem,
-    make: Callable[[ReachAvoidProblem], Games],
-    games: Games,
-    former: Former | None = None,
-) -> AvoidTubes:
-    """The avoid tubes for every input: once for static unsafe sets, for each step for moving ones.
-
-    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem. What a
-    former solve has of them is not solved again; of its sets that are still there nothing is warned of.
-    """
-    count, felt, everything = len(problem.inputs), set[int](), dangers(problem)
-    kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
-    axes = [tuple(sorted({axis for danger in alike for axis in danger.axes})) for alike in kinds]
-    made = []
-    for moves, alike, kept, often in zip((False, True), kinds, axes, (1, problem.most_steps), strict=True):
-        if former and (same := former.same(alike, moves, often)) is not None:
-            made.append(same)
-            felt.update(id(danger.part) for danger in alike)
-            continue
-        keeps = former if former and len(alike) > 1 else None
-        tubes = np.empty((often, count, *(problem.grid.shape[axis] for axis in kept)), games.dtype)
-        if not alike:
-            tubes.fill(-np.inf)
-        # a step at a time, at which games that are played on one grid share velocities that depend on time
-        for _, together in groupby(enumerate(alike), key=lambda one: id(one[1].problem)):
-            some = list(together)
-            playing = games if some[0][1].problem is problem else make(some[0][1].problem)
-            for step, (number, danger) in product(range(often), some):
-                at = [kept.index(i) for i in danger.axes]
-                found = _tube(playing, danger, step, keeps)
-                if id(danger.part) not in felt and found.max() > 0:
-                    felt.add(id(danger.part))
-                fits = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
-                if number == 0 and often == 1 and fits and not keeps:
-                    tubes = found[None]  # to copy them all would take as long as a game
-                    continue
-                for total, tube in zip(tubes[step], found, strict=True):
-                    lifted = problem.grid.subgrid(kept).lift(tube, at)
-                    np.maximum(total if number else lifted, lifted, out=total)
-        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
-            tube[:] = shrunk(problem, tube, kept)
-        inner = (problem.grid.inner[axis] for axis in kept)
-        made.append(np.ascontiguousarray(tubes[(slice(None), slice(None), *inner)]))
-    for part in problem.unsafe:
-        if id(part) not in felt:
-            warnings.warn(never_felt(part), stacklevel=6)
-    return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
-
-
-def _tube(games: Games, danger: Danger, step: int, former: Former | None) -> FloatArray:
+def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
     """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want."""
     found = former.tube(danger, step) if former else None
     if found is None:
-        found = games.avoid(danger.part, step)[(slice(None), *danger.inside)]
+        found = games.avoid(danger.part, step)[(slice(None), *inside)]
     if former:
         former.keep(danger, found)
     return found

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -52,6 +53,9 @@ BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving f
 ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
+Counted = Mapping[Axes, Sequence[int]]
+Wanted = Mapping[int, slice]
+NONE: Any = MappingProxyType({})  # no axis has an entry
 
 
 class Games(Protocol):
@@ -163,19 +167,24 @@ class Wall:
 
 
 class _OnAxes:
-    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4)."""
+    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
+
+    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
+    wanted : by the axis, where in a window the nodes are that are needed.
+    """
 
     dtype: str
     patches = True  # whether `reaches` heeds a patch
 
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
-        self.problem = problem
+    def __init__(
+        self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
+    ) -> None:
+        self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
         self.crossed = 0.0
-        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
         """The nodes of some axes whose values are needed."""
@@ -224,12 +233,12 @@ class HJIGames(_OnAxes):
 
     joint = False
 
-    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
-        super().__init__(problem, axes)
+    def __init__(
+        self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
+    ) -> None:
+        super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
-        # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
-        self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
         self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
@@ -417,23 +426,17 @@ class HJIGames(_OnAxes):
     @cached_property
     def formula(self) -> "HopfLaxGames":
         """The same games by the Hopf-Lax formula."""
-        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes)
+        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`."""
         if not self.by_formula(wall.axes):
             return super().tubes(wall, step)
-        self.formula.wanted = self.wanted
         return self.formula.tubes(wall, step)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
-        problem = self.problem
-        if self.by_formula(wall.axes):
-            self.formula.wanted = self.wanted
-            yield from self.formula.each_tube(wall, step)
-            return
-        grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
+        """As `_OnAxes.each_tube`."""
+        grid, steps = self.problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.wall_at(wall, step, steps)
         keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
         groups = [] if wall.instant else self.groups(wall.axes, steps)
@@ -559,9 +562,9 @@ class HopfLaxGames(_OnAxes):
     shifted = True  # as `HJIGames.shifted`
 
     def __init__(
-        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
+        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        super().__init__(problem, axes)
+        super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
@@ -596,12 +599,6 @@ class HopfLaxGames(_OnAxes):
         for some in self._tube_maxima(wall, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
-
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`."""
-        for some in self._tube_maxima(wall, step):
-            for begin in range(0, some.number, EIGHT):
-                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
     def _tube_maxima(self, wall: Wall, step: int) -> Iterator[Maxima]:
         """Each piece of the interval takes the box that holds all states of its duration."""

@@ -64,9 +64,13 @@ class HJI(Options):
         """The options, for a table's details."""
         return {"games": self.games} | vars(self.scheme)
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
-        """The solver of the games of one interval, on some axes of a problem, by default all."""
-        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
+        """The solver of the games of one interval, on some axes of a problem, by default all.
+
+        On a window of a grid: `counted`, by the axes, time steps of each input on the whole grid, and `wanted`, by the
+        axis, the nodes whose values are needed.
+        """
+        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
@@ -106,9 +110,9 @@ class HopfLax(Options):
         """The options, for a table's details."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
-        """The solver of the games of one interval, on some axes of a problem, by default all."""
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
+        """As `HJI.on`; a formula has no time steps to be counted."""
+        return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
         return GridSets(problem, self.name, self.on, self.dtype, self.options, former)

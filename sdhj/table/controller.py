@@ -695,6 +695,9 @@ class Relay:
     """
 
     def __init__(self, *controllers: Controller) -> None:
+        for one in controllers:
+            if not isinstance(one, Controller):
+                raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")
         self.controllers = controllers
 
     def choose(self, states: FloatArray, step: int) -> FloatArray:
