@@ -7,9 +7,9 @@ PyPI, on the same grid, with the same scheme (Lax-Friedrichs, second-order ENO, 
 treats walls in its own way, so errors are counted at the nodes that no wall can have reached.
 
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
-strikes all of them alike. `measure_case_study`, `measure_controller` and `measure_slider` time what users wait for:
-whole tables, the controller's answers, and pictures of games that are solved anew; `limits.py` compares each part of a
-solve with what the machine can do.
+strikes all of them alike. `measure_case_study`, `measure_resolve`, `measure_controller` and `measure_slider` time what
+users wait for: whole tables, one that is solved anew when an obstacle is seen elsewhere, the controller's answers, and
+pictures of games; `limits.py` compares each part of a solve with what the machine can do.
 """
 
 import importlib
@@ -34,7 +34,8 @@ from common import writable_picture
 
 import sdhj
 from sdhj import plotting
-from sdhj.arm.case_studies import arm_case_study
+from sdhj.arm.case_studies import OBSTACLES, arm_case_study
+from sdhj.arm.workspace import Disk, Still
 from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
 from sdhj.kernels import FloatArray
 from sdhj.problem.cost import Cost
@@ -322,6 +323,34 @@ def measure_controller(nodes: int = 25, seed: int = 0) -> dict[str, tuple[float,
     return found
 
 
+def measure_resolve(nodes: Sequence[int] = (15, 25), repeats: int = 5) -> dict[int, dict[str, tuple[float, float]]]:
+    """Median seconds, and of the processor, of the arm's game when a disk is seen elsewhere: solved and resolved."""
+    found: dict[int, dict[str, tuple[float, float]]] = {}
+    for n in nodes:
+        places = [(x, 0.1) for x in (-0.22, -0.2, -0.18)] * repeats  # m
+        moved = [arm_case_study(n, obstacles=(Disk(Still(at), 0.06), *OBSTACLES[1:])) for at in places]
+        table, times = sdhj.solve(moved[0], progress=False, play=False), {"solve": [], "resolve": []}
+        for problem in moved:  # in turn, so that what else the machine does strikes both
+            for name in times:
+                begun, used = time.perf_counter(), time.process_time()
+                if name == "solve":
+                    sdhj.solve(problem, progress=False, play=False)
+                else:
+                    table = sdhj.resolve(table, problem)
+                times[name].append((time.perf_counter() - begun, time.process_time() - used))
+        found[n] = {name: tuple(np.median(rows[2:], axis=0).tolist()) for name, rows in times.items()}
+    return found
+
+
+def resolve_table(found: dict[int, dict[str, tuple[float, float]]]) -> str:
+    """What `measure_resolve` found, as lines of text."""
+    lines = [f"{'the arm, one disk moved':<26}{'nodes':>7}{'s':>10}{'CPU s':>10}{'of a solve':>12}"]
+    for n, times in found.items():
+        for name, (seconds, cpu) in times.items():
+            lines.append(f"{name:<26}{n:>7}{seconds:>10.3f}{cpu:>10.3f}{cpu / times['solve'][1]:>12.2f}")
+    return "\n".join(lines)
+
+
 def measure_slider(nodes: int = 25) -> float:
     """Median seconds of ten moves of chapter 10's sliders: each makes, solves and draws the arm's game anew."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "notebooks"))
@@ -348,6 +377,18 @@ def whole_table(
     lines += ["", f"{'controller':<26}{'us':>8}{'99%':>8}{'1/s':>12}"]
     for name, (median, slow) in controller.items():
         lines.append(f"{name:<26}{1e6 * median:>8.2f}{1e6 * slow:>8.2f}{1 / median:>12.0f}")
+    return "\n".join(lines)
+
+
+def beside_peer(report: Report, case_study: dict[tuple[str, int], tuple[float, Cost]]) -> str:
+    """The whole case study by hji, and as many PDEs of hj_reachability one by one as one for each input would be."""
+    lines = [f"{'hj_reachability':<26}{'nodes':>7}{'PDEs':>10}{'s':>12}{'of ours':>13}"]
+    for row in report.rows:
+        if row.solver == PEER and ("hji", row.nodes) in case_study:
+            problem, seconds = arm_case_study(row.nodes), case_study["hji", row.nodes][0]
+            pdes = len(problem.inputs) * problem.steps * (problem.steps + 1) // 2
+            ratio = pdes * row.seconds / seconds
+            lines.append(f"{'one by one':<26}{row.nodes:>7}{pdes:>10}{pdes * row.seconds:>12.1f}{ratio:>13.0f}")
     return "\n".join(lines)
 
 
@@ -440,6 +481,9 @@ def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])
     click.echo(whole_table(case_study, measure_controller()) + "\n")
+    if peer:
+        click.echo(beside_peer(report, case_study) + "\n")
+    click.echo(resolve_table(measure_resolve()) + "\n")
     click.echo(first.table("arm", first.in_a_new_process("arm")) + "\n")
     click.echo(f"chapter 10's sliders: {measure_slider():.2f} s from a move to the picture\n")
     click.echo(limits.table(arm_case_study(min(max(counts), 25)), INTERPOLATED))

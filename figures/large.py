@@ -384,7 +384,7 @@ def main(
         if robot.cells and not full_only:
             methods.append(sdhj.Certified(cells=robot.cells))
         for method in methods:
-            kept = {"store": store / f"{name}.zarr", "memory": memory} if store and method is chosen else {}
+            kept = {"store": store / f"{name}", "memory": memory} if store and method is chosen else {}
             began = time.perf_counter()
             tables.append(sdhj.solve(problem, method, **kept))
             click.echo(row(name, tables[-1], time.perf_counter() - began, runs, seed))

@@ -87,12 +87,15 @@ def _of_stage(out: Any, phi: Any, after: Any, wall: Any, velocities: Any, order:
     return moved, phi.size * (axis * (phi.ndim - 1) + 5 + coupled)
 
 
-def _of_union(out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any) -> Any:
+def _of_union(
+    out: Any, tube: Any, marks: Any, reach: Any, count: int, first: int, walls: Any, _: Any, which: Any
+) -> Any:
     wide = [wall for wall in (walls.static, walls.moving) if wall.shape[2] > 1]
     made = _between(Leaves(*reach[1:])) if len(reach) == 7 else len(reach[1])
     moved = 2 * tube.nbytes + marks.nbytes * count // len(marks) // 4 + reach[0].nbytes
     moved += sum(wall[:count].nbytes for wall in (walls.static, walls.moving))
-    return moved, tube.size * count * (made + JOINED + len(wide))
+    share = which.size / len(tube)
+    return moved * share, tube.size * share * count * (made + JOINED + len(wide))
 
 
 def _of_maxima(out: Any, values: Any, leaves: Any, raised: bool, into: Any) -> Any:
@@ -108,7 +111,7 @@ MEASURED: tuple[tuple[Any, str, str, Callable[..., Any]], ...] = (
     (Formula, "__call__", "sampling", _of_formula),
     (ReachAvoidProblem, "unsafe_over", "sampling", lambda out, *_, **__: (8 * out.size, 0)),
     (ReachAvoidProblem, "goal", "sampling", lambda out, *_: (8 * out.size, 0)),
-    (recursion, "avoid_tubes", "avoid tubes", lambda out, *_: (3 * (out.static.nbytes + out.moving.nbytes), 0)),
+    (recursion, "_avoid", "avoid tubes", lambda out, *_: (3 * out[0][0].nbytes, 0)),
     (schemes, "stage", "stages", _of_stage),
     (schemes, "_padded", "stages", lambda out, grid, layout, values, _: (values.nbytes + out.nbytes, 0)),
     (schemes, "_inner", "stages", lambda out, layout, padded, values: (values.nbytes + padded.nbytes, 0)),

@@ -3,7 +3,9 @@
 `python figures/rivals.py` certifies the vehicle in a maze (`maze.py`) and the voltage converter (`extra_dcdc.py`), both
 until nothing changes, in seconds of CPU time, compiling apart. SCOTS's shares are those of its examples `vehicle` and
 `dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on its own host: the same
-problems, by other methods on other machines. `ON_H200` is a stored result of `gpu.py`.
+problems, by other methods on other machines.
+
+`ON_H100` and `ON_H200` are stored results, of hj_reachability and of `gpu.py`: few have such cards.
 """
 
 import os
@@ -14,6 +16,22 @@ import maze
 import numba
 
 import sdhj
+
+# By nodes on each axis, s: the arm's 900 PDEs by hj_reachability on one H100, all 25 inputs abreast and one by one, and
+# the whole game (avoid tubes, PDEs, union and marks) by sdhj on 2 and on 16 cores of the same machine, in one run.
+# Measured in November 2026, with the commit 31532c8 of sdhj and the versions that the extra `bench` then brought
+# (hj-reachability 0.7, jax 0.10; which patches of them was not written down).
+ON_H100 = {25: (0.64, 1.07, 0.75, 0.25), 40: (5.4, 6.0, 4.7, 1.3)}
+
+
+def on_h100() -> str:
+    """The stored result as a table."""
+    lines = ["| nodes | 900 PDEs on an H100, abreast | one by one | whole game, 2 cores | 16 cores |"]
+    lines += ["| --- | --- | --- | --- | --- |"]
+    return "\n".join(
+        [*lines, *(f"| {n} | " + " | ".join(f"{s:g} s" for s in row) + " |" for n, row in ON_H100.items())]
+    )
+
 
 # What `gpu.py` measured on 27 November 2026 on one H200 (driver 580.159.04) and on cores of the same machine (Xeon),
 # with Python 3.12.3, numba 0.68.0, numba-cuda 0.30.4 and numpy 2.4.6, fused operations off: by nodes on each axis, ms.
@@ -26,7 +44,7 @@ ON_H200 = {
 
 
 def main() -> None:
-    """Print a row for each."""
+    """Print a row for each, and the stored result."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     numba.set_num_threads(1)
@@ -43,6 +61,7 @@ def main() -> None:
         share = table.fraction(start=0, within=table.steps)
         at = " x ".join(map(str, table.shape))
         print(f"| {name} | {at} | {share:.1%} | {seconds:.1f} s | {scots:.1%} | {published} s |", flush=True)
+    print(f"\n{on_h100()}")
 
 
 if __name__ == "__main__":

@@ -45,8 +45,8 @@ def timed(call: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, 
 
 
 def on_disk(folder: Path) -> int:
-    """Bytes of the files in a folder."""
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    """Bytes that the files in a folder take, without what has never been written."""
+    return sum(512 * file.stat().st_blocks for file in folder.rglob("*") if file.is_file())
 
 
 def most_memory() -> str:
@@ -63,8 +63,8 @@ def three_ways(problem: sdhj.ReachAvoidProblem, method: str) -> tuple[float, flo
     """Seconds in memory, with `save`, and with a store, and the bytes of that; each finds what the last one freed."""
     bare = timed(sdhj.solve, problem, method, progress=False)[0]
     with TemporaryDirectory() as folder:
-        stored = timed(sdhj.solve, problem, method, store=Path(folder) / "table.zarr", progress=False)[0]
-        size = on_disk(Path(folder) / "table.zarr")
+        stored = timed(sdhj.solve, problem, method, store=Path(folder) / "table", progress=False)[0]
+        size = on_disk(Path(folder) / "table")
         # last: the disk is busy with it for a while
         saved = timed(lambda: sdhj.solve(problem, method, progress=False).save(Path(folder) / "table.h5"))[0]
     return bare, saved, stored, size
@@ -82,7 +82,7 @@ def compared(name: str, nodes: int, method: str, repeats: int) -> str:
 def solved_once(name: str, nodes: int, method: str, memory: int | None) -> str:
     """The line of one solve with a store."""
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "table.zarr"
+        path = Path(folder) / "table"
         taken, table = timed(sdhj.solve, MAKERS[name](nodes), method, store=path, memory=memory)
         peak, share = most_memory(), table.fraction(start=0, within=table.steps)
         told = table.details["slabs"], f"{taken:,.0f}", peak, f"{on_disk(path) / 1e9:.1f} GB", f"{share:.3f}"
@@ -100,13 +100,12 @@ def moved(client: Any) -> list[int]:
 def by_workers(client: Any, problem: sdhj.ReachAvoidProblem, method: str, memory: int | None) -> tuple[Any, ...]:
     """Slabs, tasks, and seconds of a solve by this process and of one by workers; bytes moved by the latter."""
     with TemporaryDirectory() as folder:
-        path, told = Path(folder) / "workers.zarr", {"memory": memory, "progress": False}
-        alone, _ = timed(sdhj.solve, problem, method, store=Path(folder) / "alone.zarr", **told)
+        path, told = Path(folder) / "workers", {"memory": memory, "progress": False}
+        alone, _ = timed(sdhj.solve, problem, method, store=Path(folder) / "alone", **told)
         before = moved(client)
         shared, table = timed(sdhj.solve, problem, method, store=path, client=client, **told)
         bytes_moved = np.subtract(moved(client), before).tolist()
-        # a task writes one file of these
-        tasks = sum(len(list((path / array).glob("c*"))) for array in ("tubes", "avoid_static", "avoid_moving"))
+        tasks = sum(map(bool, (path / "ledger").read_text().splitlines()))  # each has its line
     return table.details["slabs"], tasks, alone, shared, *bytes_moved
 
 

@@ -47,13 +47,14 @@ from sdhj.formulas.gridded import gridded
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.records import bounds_from_records
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.simulation.runs import monte_carlo, simulate
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.projections import Projected
 from sdhj.solver.schemes import Scheme
-from sdhj.solving import estimate, load, solve
+from sdhj.solving import estimate, load, resolve, solve
 from sdhj.table.controller import Controller, NotAdmissible
 from sdhj.table.files import VERSION as __version__
 from sdhj.table.files import TableFileError
@@ -78,6 +79,7 @@ __all__ = [
     "UnsafeSet",
     "__version__",
     "arm_case_study",
+    "bounds_from_records",
     "complement",
     "estimate",
     "evader_case_study",
@@ -86,6 +88,7 @@ __all__ = [
     "intersection",
     "load",
     "monte_carlo",
+    "resolve",
     "simulate",
     "solve",
     "union",

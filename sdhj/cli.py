@@ -48,12 +48,12 @@ from sdhj.table.files import (
     TEMPORARIES,
     VERSION,
     arrays_in,
-    checked_head,
     header,
     opened,
     replaced_whole,
     writable_file,
 )
+from sdhj.table.store import functions_of, head_of_store, is_store
 
 
 def stop(number: int, frame: FrameType | None) -> None:
@@ -214,10 +214,9 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
 @plainly
 def info(table: Path) -> None:
     """Print what a table contains and how it was computed."""
-    if (table / "zarr.json").is_file():
-        store = cast(Any, load(table)).store
-        head = checked_head(store.head)
-        mathematics = in_mathematics(head, store.functions)
+    if is_store(table):
+        head = head_of_store(table)[0]
+        mathematics = in_mathematics(head, functions_of(table))
     else:
         with opened(table) as (head, file):
             mathematics = in_mathematics(head, arrays_in(file))

@@ -12,17 +12,21 @@ from sdhj.certified.explaining import scanty
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
+from sdhj.outofcore import solve_stored
 from sdhj.problem.checks import number
 from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
-from sdhj.solver.methods import METHODS, Method, method_of
+from sdhj.solver.avoid import dangers
+from sdhj.solver.former import Former, Kept
+from sdhj.solver.methods import HJI, METHODS, HopfLax, Method, method_of
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, Sets, recursion
 from sdhj.solver.resolution import ResolutionWarning, check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
+from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
@@ -54,8 +58,8 @@ def solve(
         operations of `estimate`. For a problem without a number of steps it shows the share of states that still
         change, and Ctrl-C ends the solve and returns the table so far.
     store : path, optional
-        A folder, for example "table.zarr", in which the table is built slab by slab, for tables larger than memory
-        (extra `outofcore`; methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
+        A folder, for example "table", in which the table is built slab by slab, for tables larger than memory
+        (methods "hji" and "lax"). The tubes are bit-for-bit identical to an in-memory solve.
     resume : bool
         Continue a store that an earlier solve of the same problem left unfinished; start one if there is none.
     client : distributed.Client, optional
@@ -91,17 +95,90 @@ def solve(
     for message in suspicions(problem):
         warnings.warn(message, ResolutionWarning, stacklevel=2)
     if store is not None:
-        from sdhj.outofcore import solve_stored
-
         return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
-        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table.zarr'")
+        raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress):
         sets = _filled(problem, method, progress, most)
-        table = sets.finish({"seconds": time.perf_counter() - started})
+        table = _reusable(sets.finish({"seconds": time.perf_counter() - started}), method)
         played = _rehearsed(table, stacklevel=2) if play else {}
         return replace(cast(Any, table), details=dict(table.details) | played) if played else table
+
+
+def resolve(
+    table: Table,
+    problem: ReachAvoidProblem,
+    method: str | Method = "hji",
+    *,
+    progress: bool | None = False,
+    operations: float = MOST_OPERATIONS,
+) -> Table:
+    """Solve a problem anew that is mostly the one of a table, as when a robot sees an obstacle elsewhere.
+
+    The result is, bit for bit, that of `solve(problem, method, play=False)`: whatever could differ is computed, and the
+    rest is taken from the table. What it is depends on what differs (`sdhj.solver.former`): avoid tubes of sets that
+    are still the same, if grid, dynamics, bounds, inputs, interval and sensing are; and then those planes of the last
+    two axes in which no tube that they follow from has changed. Nothing is taken by the methods "projected",
+    "certified" and games="joint", and of tables that are of another method, are certified, stored or loaded, or came
+    from another process; avoid tubes only with `Sensing` or safe ends of the grid; of black boxes never anything.
+    Unsafe sets whose avoid tubes are taken are not warned of again for being in nobody's way.
+
+    Parameters
+    ----------
+    table : Table
+        Of `solve` or `resolve`; it stays as it is. One of `resolve` has more to take from: it keeps also the solutions
+        between the tubes, which take as much memory as these, and the avoid tubes of each set.
+    problem, method, progress, operations
+        As in `solve`.
+
+    Returns
+    -------
+    LookupTable; CertifiedTable for method "certified"
+
+    Raises
+    ------
+    ValueError, MemoryError
+        As `solve`; ValueError if `table` is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> def seen_at(x):
+    ...     steps = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    ...     return sdhj.ReachAvoidProblem(
+    ...         grid=sdhj.Grid([0.0, -1.0], [4.0, 1.0], [41, 21]),
+    ...         dynamics=sdhj.Dynamics(inputs=steps, drift=steps, gain=np.eye(2), bounds=[0.1, 0.1]),
+    ...         target=sdhj.TargetSet((0,), lambda p, t: 3.0 - p[:, 0]),
+    ...         unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - x, p[:, 1]) - 0.3)],
+    ...         delta=0.3,
+    ...         steps=12,
+    ...     )
+    >>> table = sdhj.resolve(sdhj.solve(seen_at(1.0)), seen_at(1.5))
+    >>> np.array_equal(table.tubes, sdhj.solve(seen_at(1.5)).tubes)
+    True
+    """
+    if not isinstance(table, Table):
+        raise ValueError(f"table must be what sdhj.solve or sdhj.resolve returns, got {reprlib.repr(table)}")
+    if not isinstance(problem, ReachAvoidProblem):
+        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
+    if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
+        former = Former(table, problem, chosen, dangers(table.problem.rimmed))
+    for message in () if former and former.alike else suspicions(problem):
+        warnings.warn(message, ResolutionWarning, stacklevel=2)
+    started = time.perf_counter()
+    with announced(progress):
+        sets = _filled(problem, chosen, progress, most, former)
+        return _reusable(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+
+
+def _reusable(table: Table, method: Method, former: Former | None = None) -> Table:
+    """The table with what it keeps for `resolve`."""
+    if not isinstance(table, LookupTable):
+        return table
+    return replace(table, reusable=Kept(method, former.each, former.still) if former else Kept(method))
 
 
 def _rehearsed(table: Table, stacklevel: int) -> dict[str, Any]:
@@ -149,11 +226,13 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
     return meter.cost
 
 
-def _filled(problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float) -> Sets:
+def _filled(
+    problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
+) -> Sets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
-        sets = cast(Any, method.sets(problem, progress))
+        sets = cast(Any, method).sets(problem, progress, *[former] * bool(former))
         if not isinstance(sets, GridSets):
             check_sets(problem, stacklevel=3)
         meter.tube()
@@ -195,9 +274,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     """
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
-    if isinstance(path, str | os.PathLike) and os.path.isfile(os.path.join(path, "zarr.json")):
-        from sdhj.outofcore import load_stored
-
+    if isinstance(path, str | os.PathLike) and is_store(path):
         return load_stored(path, problem)
     with opened(path) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable

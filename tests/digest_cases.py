@@ -171,6 +171,30 @@ def chased() -> Any:
     )
 
 
+def six() -> Any:
+    """Six axes, two of them periodic: rates that follow inputs, and angles and places that follow rates."""
+
+    def drift(q: Any, u: Any) -> Any:
+        still = np.zeros(len(q))
+        return np.stack(
+            [q[:, 3] * np.cos(q[:, 2]), q[:, 3] * np.sin(q[:, 2]), q[:, 4], still + u[0], still + u[1], still], 1
+        )
+
+    gain = np.zeros((6, 2))
+    gain[[3, 5], range(2)] = 1.0
+    apart = lambda p, t: np.abs(p[:, 0] - 0.4 * np.cos(p[:, 1])) - 0.2  # noqa: E731
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid(
+            [-1, -1, -np.pi, -1, -2, -np.pi], [1, 1, np.pi, 1, 2, np.pi], [6, 5, 6, 5, 5, 6], np.arange(6) % 3 == 2
+        ),
+        dynamics=sdhj.Dynamics([[-1.0, 2.0], [0.0, -2.0], [1.0, 0.0]], drift, gain, [0.1, 0.2]),
+        target=sdhj.TargetSet((0, 1), disk(0.0, 0.0, 0.6)),
+        unsafe=[sdhj.UnsafeSet((0, 5), apart, name="gate")],
+        delta=0.2,
+        steps=2,
+    )
+
+
 def robot() -> Any:
     """A random robot, everything of which depends on state, input and time, beside a disk that moves."""
     import robots  # which reads figures/, of which a script has to be told first
@@ -206,7 +230,7 @@ CASES: dict[str, Case] = {
     "arm, lax, linear": Case(arm(view_time="sampled"), sdhj.HopfLax("linear", "float64")),
     "arm, certified": Case(arm(), ARM_CELLS),
     "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01))),
-    "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), memory=68_600_000),
+    "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), memory=1_491_136),
     "evader": Case(evader),
     "evader, projected": Case(evader, "projected"),
     "evader, certified": Case(evader, ARM_CELLS),
@@ -220,8 +244,8 @@ CASES: dict[str, Case] = {
     ),
     "torus": Case(toys.torus_problem),
     "torus, joint games, third order": Case(toys.torus_problem, sdhj.HJI(EXACT, games="joint")),
-    "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), memory=67_550_000),
-    "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", memory=67_245_000),
+    "torus, in a store": Case(lambda: toys.torus_problem(nodes=60, steps=2), memory=441_136),
+    "torus, in a store, lax": Case(lambda: toys.torus_problem(nodes=40), "lax", memory=136_136),
     "torus, certified": Case(toys.torus_problem, sdhj.Certified(cells=(60, 60)), losing=True),
     "plane, map and polygon": Case(mapped),
     "plane, map and polygon, lax": Case(mapped, "lax"),
@@ -268,6 +292,7 @@ CASES: dict[str, Case] = {
     ),
     "car, certified": Case(toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "random robot, certified": Case(robot, sdhj.Certified(cells=(24, 24), parts=3), losing=True),
+    "six axes": Case(six),
     "chased, five axes": Case(chased),
     "chased, five axes, projected": Case(chased, sdhj.Projected([(0, 1, 2, 3), (0, 1, 2, 4)])),
 }

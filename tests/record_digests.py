@@ -214,7 +214,7 @@ def measured(case: Case) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         problem = case.problem()
-        stored = {} if case.memory is None else {"store": Path(folder) / "table.zarr", "memory": case.memory}
+        stored = {} if case.memory is None else {"store": Path(folder) / "table", "memory": case.memory}
         table = sdhj.solve(problem, case.method, progress=False, play=False, **stored)
         states = of_states(table)
         read = of_single_states(table, states["margins"], states["controller"])

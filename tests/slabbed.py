@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sdhj
-from sdhj.outofcore.solve import planned, task_bytes
+from sdhj.outofcore import planned, task_bytes
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import method_of
 
@@ -20,10 +20,9 @@ def room(problem: ReachAvoidProblem, method="hji", width=8, axis=0) -> int:
 
 def assert_bit_equal(stored, table) -> None:
     """A table in a store has every bit of the one in memory."""
-    loaded = stored.loaded()
-    for part, whole in ((loaded, table), (loaded.avoid, table.avoid)):
+    for part, whole in ((stored, table), (stored.avoid, table.avoid)):
         for name in (
-            ("index", "tubes", "masks") if part is loaded else ("static_axes", "static", "moving_axes", "moving")
+            ("index", "tubes", "masks") if part is stored else ("static_axes", "static", "moving_axes", "moving")
         ):
             one, other = (np.asarray(getattr(of, name)) for of in (part, whole))
             assert (one.dtype, one.shape) == (other.dtype, other.shape), name
@@ -62,6 +61,6 @@ def rough_problem(
     )
 
 
-def files_of(store: Path, name: str) -> list[Path]:
-    """The shards of an array of a store."""
-    return sorted((store / name).glob("c.*[0-9]"))
+def lines_of(store: Path, array: str) -> list[str]:
+    """The lines of an array in the ledger of a store."""
+    return [line for line in (store / "ledger").read_text().splitlines() if line.startswith(array)]

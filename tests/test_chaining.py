@@ -141,6 +141,10 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
     first = sdhj.solve(leg(0), method, progress=False)
     second = sdhj.solve(leg(1, target=sdhj.TargetSet.from_table(first)), method, progress=False)
     assert second.fraction(start=0, within=STEPS) > first.fraction(start=0, within=STEPS) + 0.05
+    with pytest.raises(
+        ValueError, match=r"Relay takes controllers, for example Relay\(Controller\(table\)\), got <Cert"
+    ):
+        Relay(second)
     relay = Relay(sdhj.Controller(second), sdhj.Controller(first))
     points = rng.uniform([-2.5, -1.5], [2.5, 1.5], (3000, 2))
     starts = points[second.contains(points, start=0, within=STEPS)]

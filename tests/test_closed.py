@@ -98,7 +98,7 @@ def test_a_moving_set_and_a_store(tmp_path):
     table = sdhj.solve(moving, progress=False)
     counts = sdhj.monte_carlo(sdhj.Controller(table), RUNS, adversary="none", seed=0, progress=False).counts
     assert counts["collided"] == 0
-    stored = sdhj.solve(moving, store=tmp_path / "t.zarr", memory=room(moving, width=11), progress=False)
+    stored = sdhj.solve(moving, store=tmp_path / "t", memory=room(moving, width=11), progress=False)
     assert stored.details["slabs"] > 2
     assert_bit_equal(stored, table)
 

@@ -68,6 +68,35 @@ def test_updates_of_nodes_are_those_that_were_stated(monkeypatch, kind, method):
     assert stated.once + solved * each == pytest.approx(updates + calls * CALL, rel=1e-6)
 
 
+@pytest.mark.parametrize("bounds", [[0.1, 0.1], [0.9, 1.7]], ids=["below a cell", "some cells"])
+def test_cost_of_the_moving_frame_is_that_of_one_equation_and_a_shift_for_each_input(monkeypatch, bounds):
+    """Updates and calls counted where the kernel is called; the shifts as four looks at nodes each, a quarter apiece.
+
+    Along the first axis the five inputs have three shifts, along the second five; the maximum over what the disturbance
+    reaches, if that is a cell or more, looks at the nodes between its ends too.
+    """
+    problem = replace(plane(steps=3, bounds=bounds), unsafe=())
+    updates, calls = 0, 0
+
+    def counted(phi, out, wall, velocities, order, flux, layout, step):
+        nonlocal updates, calls
+        updates, calls = updates + phi.shape[0] * layout.near.shape[0] * layout.rows * layout.nodes, calls + 1
+        return kernel(phi, out, wall, velocities, order, flux, layout, step)
+
+    kernel = schemes.stage
+    monkeypatch.setattr(schemes, "stage", counted)
+    stated = sdhj.estimate(problem)
+    table = sdhj.solve(problem, progress=False, play=False)
+    solved = stated.tubes - table.details["tubes_shared"]
+    each = (stated.operations - stated.once) / stated.tubes - len(problem.inputs) * problem.grid.size
+    used = games.HJIGames(problem.rimmed, schemes.Scheme())
+    cells = 0.25 * np.array(bounds) / problem.grid.spacing  # that the disturbance pushes, to either side
+    reached = sum(4 + 2 * c if c >= 1 else 4 for c in cells) if (cells >= 1).any() else 0
+    looks = solved * used.around[0].size * (4 * (3 + 5) + reached)
+    assert used.shifted and updates > 0
+    assert stated.once + solved * each == pytest.approx(updates + calls * CALL + looks / 4, rel=1e-3)
+
+
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_set_that_moves_is_said_to_cost_a_triangle_of_tubes(moving):
     problem = plane(steps=8, moving=moving)
@@ -86,12 +115,12 @@ def test_what_takes_too_long_is_refused_with_the_number_that_makes_it_so(name, t
     # the fastest crosses .6 m/s x 250 s / .2 m along one axis, more along both or where it turns
     assert 700 <= stated.crossed <= 6000
     assert stated.operations > (0.99 if name == "certified" else 200) * fine.operations
-    stores = [None, tmp_path / "table.zarr"] if name in ("lax", "hji") else [None]
+    stores = [None, tmp_path / "table"] if name in ("lax", "hji") else [None]
     for store in stores:
         with pytest.raises(ValueError, match=r"the state crosses up to [\d,]+ cells.*delta.*operations=") as refused:
             sdhj.solve(slip, method, store=store, operations=stated.operations / 2)
         assert f"{stated.crossed:,.0f} cells" in str(refused.value)
-        assert not (tmp_path / "table.zarr").exists()
+        assert not (tmp_path / "table").exists()
         allowed = float(str(refused.value).rpartition("operations=")[2].rstrip(")"))
         assert sdhj.estimate(slip, method).operations <= allowed
     assert sdhj.solve(meant, method, operations=1.1 * fine.operations, play=False).steps == 2

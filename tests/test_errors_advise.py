@@ -124,7 +124,7 @@ CASES = {
         lambda to: solved(line(), "hji"),
     ),
     "resume without a store": (
-        "apply to a store only; give one, for example store='table.zarr'",
+        "apply to a store only; give one, for example store='table",
         lambda to: solved(line(), resume=True),
         lambda to: solved(line(), resume=True, store=to / "table.zarr"),
     ),
@@ -311,6 +311,21 @@ CASES = {
         "stay clear for ever .*, or solve with more cells",
         lambda to: Controller(braking(12)).select([0.9, 0.6]),
         lambda to: Controller(braking(200)).select([0.9, 0.6]),
+    ),
+    "records of a velocity": (
+        "v must enter the velocity linearly: give drift and gain",
+        lambda to: recorded(Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0] ** 3, bounds=[0.2])),
+        lambda to: recorded(line().dynamics),
+    ),
+    "records of other inputs": (
+        "problem with the inputs that were recorded",
+        lambda to: recorded(line().dynamics, 0.5),
+        lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
+    ),
+    "a controller that remembers": (
+        "is not exported, as the file has no images: use memory=False",
+        lambda to: exported_with(to, memory=True),
+        lambda to: exported_with(to, memory=False),
     ),
     "no run can start": (
         "so no run can start from it; use",
@@ -552,6 +567,20 @@ def post(**options):
 def drifting():
     """A robot that is blown out of its target, whatever it does."""
     return replace(line(), dynamics=Dynamics(MOVES, lambda q, u: u[0] + 2.0 + 0 * q, [[1.0]], [0.1]))
+
+
+def recorded(dynamics, applied=1.0):
+    """What the records of a robot that was driven by one input say."""
+    problem = replace(line(), dynamics=dynamics)
+    t = np.arange(11) / 10
+    records = [np.column_stack([t, (applied + wind) * t, np.full(11, applied)]) for wind in np.linspace(-0.2, 0.2, 10)]
+    return sdhj.bounds_from_records(problem, records, error=0.0)
+
+
+def exported_with(folder, memory):
+    sensing = sdhj.Sensing(0.05, memory=memory)
+    found = solved(replace(line(), sensing=sensing), Certified(cells=(80,)))
+    return sdhj.export_c(found, folder, progress=False)
 
 
 @cache

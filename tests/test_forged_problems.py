@@ -333,13 +333,18 @@ def forever(tmp_path_factory):
     return path
 
 
+@cache
+def packed_zeros(count):
+    return zlib.compress(bytes(count), 9)
+
+
 def zeros(arrays, name, shape, kind):
     """Zeros that take little of the file: one packed block, again and again."""
     if name in arrays:
         del arrays[name]
     chunk = (*(1 for _ in shape[1:]), min(shape[-1], 10**7))
     data = arrays.create_dataset(name, shape, kind, chunks=chunk, compression="gzip")
-    packed = zlib.compress(bytes(math.prod(chunk) * np.dtype(kind).itemsize), 9)
+    packed = packed_zeros(math.prod(chunk) * np.dtype(kind).itemsize)
     for begin in range(0, shape[-1], chunk[-1]):
         data.id.write_direct_chunk((*(0 for _ in shape[1:]), begin), packed)
 
@@ -353,9 +358,8 @@ def many_cells(told, arrays):
     zeros(arrays, "pool", (1, -(-n // 64)), np.uint64)
     del arrays["clear"]
     one = arrays.create_dataset("clear", (1, n * n, 1), np.uint8, chunks=(1, 10**7, 1), compression="gzip")
-    packed = zlib.compress(bytes(10**7), 9)
     for begin in range(0, n * n, 10**7):
-        one.id.write_direct_chunk((0, begin, 0), packed)
+        one.id.write_direct_chunk((0, begin, 0), packed_zeros(10**7))
     for name in ("low", "high"):
         old = arrays[name][:, :, :1]
         del arrays[name]
@@ -371,7 +375,7 @@ def large_chunks(told, arrays):
     old = arrays["index"][()]
     del arrays["index"]
     most = (None, None)
-    arrays.create_dataset("index", data=old, maxshape=most, chunks=(1, 1 << 28), compression="gzip")
+    arrays.create_dataset("index", data=old, maxshape=most, chunks=(1, 1 << 25), compression="gzip")
 
 
 SIZES = {

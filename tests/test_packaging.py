@@ -218,8 +218,8 @@ def test_what_an_extra_brings_is_not_imported() -> None:
     run = fresh("import sys, sdhj; print(*sys.modules); import sdhj.plotting; print(*sys.modules)")
     modules, with_plotting = (set(line.split()) for line in run.stdout.splitlines())
     assert "sdhj.solver.recursion" in modules, run.stderr
-    assert not modules & {"sdhj.plotting", "sdhj.outofcore", "sdhj.simulation.environment"}
-    assert not modules & {"IPython", "PIL", "dask", "gymnasium", "ipywidgets", "matplotlib", "zarr"}
+    assert not modules & {"sdhj.plotting", "sdhj.simulation.environment"}
+    assert not modules & {"IPython", "PIL", "dask", "gymnasium", "ipywidgets", "matplotlib"}
     assert not modules & {"scipy.ndimage", "scipy.optimize", "shapely"}
     assert "matplotlib" in with_plotting and "matplotlib.pyplot" not in with_plotting
 

@@ -14,7 +14,7 @@ import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames, Pieces
 from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
-from sdhj.solver.recursion import InputRows, avoid_tubes
+from sdhj.solver.recursion import InputRows
 from sdhj.table.table import AvoidTubes
 
 MONOTONE = HopfLax("linear")  # leaves the order of sets alone
@@ -235,7 +235,7 @@ def test_the_recursion_is_the_plain_one_over_reach_and_avoid(subspaces, moving):
     problem = chase_problem(nodes=9, moving=moving)
     table = solve_quietly(problem, Projected(subspaces))
     games = projected_games(problem, subspaces, HJI())
-    avoid = avoid_tubes(problem, HJI().on, games)  # the ends of an axis are avoided on the few axes that it needs
+    avoid = table.avoid
     for k in range(problem.steps - 1, -1, -1):
         tube = problem.goal(k).astype(np.float32)
         for n in range(1, problem.steps - k + 1):

@@ -4,6 +4,7 @@ import inspect
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import numba
@@ -101,13 +102,20 @@ def answer(thing, attribute):
         found = getattr(thing, attribute)
         if not inspect.isroutine(found):
             return found
-        needed = [p for p in inspect.signature(found).parameters.values() if p.default is p.empty]
-        if any(p.name not in ARGUMENTS for p in needed) or attribute in ("empty", "read", "of", "load"):
+        needed = needs(getattr(found, "__func__", found), inspect.ismethod(found))
+        if any(name not in ARGUMENTS for name in needed) or attribute in ("empty", "read", "of", "load"):
             return None
-        copies = {p.name: np.copy(a) if isinstance(a := ARGUMENTS[p.name], np.ndarray) else a for p in needed}
+        copies = {name: np.copy(a) if isinstance(a := ARGUMENTS[name], np.ndarray) else a for name in needed}
         return found(**copies)
     except (ValueError, TypeError, AttributeError, NotImplementedError, sdhj.NotAdmissible, RuntimeError):
         return None
+
+
+@cache
+def needs(function, bound):
+    """Names of a function's arguments that have no default, the first not among them where it is bound."""
+    needed = [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty]
+    return needed[bound:]
 
 
 def says(table, tmp_path):
@@ -143,10 +151,11 @@ def test_nothing_that_is_handed_out_can_be_written_through(name, tmp_path):
     written, seen, kept_open = 0, {}, []
     things = {"problem": problem, "table": table, "controller": controller, "report": report, "trajectory": trajectory}
     for title, thing in things.items():
-        for place, array in list(arrays_of(title, thing, seen)):
+        first, second = list(arrays_of(title, thing, seen)), dict(arrays_of(title, thing, {}))
+        for place, array in first:
             if not array.flags.writeable or array.dtype == object:
                 continue
-            again = dict(arrays_of(title, thing, {})).get(place) if array.size else None
+            again = second.get(place) if array.size else None
             if again is not None and np.shares_memory(again, array):
                 kept_open.append(place)
             array[...] = 1

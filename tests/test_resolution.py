@@ -354,7 +354,7 @@ def test_every_method_says_what_is_wrong_with_a_problem(mistake, method, tmp_pat
     changes, said = MISTAKES[mistake]
     if method in ("lax", "projected") and mistake == "a velocity that jumps":
         pytest.skip("velocities that depend on the state, or on axes that are left out, are refused")
-    store = {"store": tmp_path / "table.zarr"} if method == "store" else {"play": False}
+    store = {"store": tmp_path / "table"} if method == "store" else {"play": False}
     with pytest.warns(UserWarning, match=said):
         sdhj.solve(on_the_ring(**changes), METHODS[method], progress=False, **store)
 

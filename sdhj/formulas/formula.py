@@ -202,6 +202,13 @@ class Formula:
         return known[tuple(axes)]
 
     @cached_property
+    def meaning(self) -> tuple[Any, ...]:
+        """What it computes: two with equal ones have equal values, to the last bit."""
+        tables: list[Lookup] = []
+        lines = tuple(written(self.outputs, tables))
+        return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
+
+    @cached_property
     def tape(self) -> Tape:
         return packed(*program(self.outputs))
 

@@ -149,17 +149,24 @@ def _is_users(name: str, module: Any) -> bool:
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
+def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
+    """Where the module numpy is named: in the globals of `_globals_of`, by which names."""
+    return [
+        (names, name)
+        for names in _globals_of(function)
+        for name, value in list(names.items())
+        if value is np or (type(value) is _Replaced and value.__dict__["_original"] is np)
+    ]
+
+
 @contextmanager
-def _replaced(function: Any, rows: int) -> Iterator[None]:
+def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
     """Users' modules with a NumPy that knows traced arrays; no kernel is compiled meanwhile, whose code names it."""
     with global_compiler_lock:
-        new, before = _numpy(rows), list[tuple[dict[str, Any], str, Any]]()
+        new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
         try:
-            for names in _globals_of(function):
-                for name, value in list(names.items()):
-                    if value is np or (type(value) is _Replaced and value.__dict__["_original"] is np):
-                        before.append((names, name, value))
-                        names[name] = new
+            for names, name, _ in before:
+                names[name] = new
             yield
         finally:
             for names, name, module in reversed(before):
@@ -209,10 +216,10 @@ def traced(
     NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
     where its answer has another shape.
     """
-    found = list[list[Node]]()
+    found, places = list[list[Node]](), _places(function)
     try:
         for count in (rows, rows + 1) if again else (rows,):
-            answer = _answer(name, function, count, arguments)
+            answer = _answer(name, function, count, arguments, places)
             alone = answer.ndim == 1 if shape is None else bool(shape) and answer.shape == tuple(shape)
             if per_point and alone and not leaves(answer.flat, "x"):  # one value for all points
                 answer = np.broadcast_to(answer, (count, *answer.shape))
@@ -254,12 +261,18 @@ def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
     return True
 
 
-def _answer(name: str, function: Callable[..., Any], rows: int, arguments: Callable[[int], Sequence[Any]]) -> Any:
-    """The entries of what a function answers; NotTraced where anything has refused on the way."""
+def _answer(
+    name: str,
+    function: Callable[..., Any],
+    rows: int,
+    arguments: Callable[[int], Sequence[Any]],
+    places: list[tuple[dict[str, Any], str]],
+) -> Any:
+    """The entries of what a function answers, NumPy replaced at `places`; NotTraced where anything has refused."""
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
     try:
-        with _replaced(function, rows):
+        with _replaced(places, rows):
             answer = function(*arguments(rows))
         if answer is None:
             raise ValueError(f"{name} must return an array, got None: is its return missing?")

@@ -42,6 +42,7 @@ class Layout(NamedTuple):
     ghosts: int
     chunks: int
     periodic: bool  # the last axis
+    planes: FloatArray  # those that are written
 
 
 @_inlined
@@ -261,10 +262,10 @@ def _fill_ghosts(plane, layout, begin, end):
 def _share(phi, out, wall, velocities, scheme, layout, step, share):
     """What one thread does of `stage`: (which share, of how many)."""
     flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
-    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.near.shape[0] * layout.chunks
+    size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
-        plane = task // layout.chunks
-        chunk = task - plane * layout.chunks
+        place = task // layout.chunks
+        plane, chunk = layout.planes[place], task - place * layout.chunks
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
@@ -304,7 +305,7 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
     step : dt and keep.
     """
-    blocks = min(layout.near.shape[0] * layout.chunks, BLOCKS)
+    blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
         _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)

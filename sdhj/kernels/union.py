@@ -128,7 +128,7 @@ def _add_to_row(tube, marks, reach, which, walls, before, row, room):
 
 
 @kernel(parallel=True, least=FEW)
-def add_inputs(tube, marks, reach, count, first, walls, before):
+def add_inputs(tube, marks, reach, count, first, walls, before, which):
     """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
 
     tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
@@ -137,10 +137,11 @@ def add_inputs(tube, marks, reach, count, first, walls, before):
         (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
         values, and of them at[p, i] belong to line i of the grid.
+    which : the rows that are written.
     """
-    rows, size = tube.shape
+    rows, size = which.size, tube.shape[1]
     blocks = min(rows, BLOCKS)
     for block in prange(blocks):
         found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
-        for row in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
-            _add_to_row(tube, marks, reach, (first, first + count), walls, before, row, (found, levels))
+        for place in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
+            _add_to_row(tube, marks, reach, (first, first + count), walls, before, which[place], (found, levels))

@@ -39,6 +39,8 @@ class Cost(NamedTuple):
         How many cells the state crosses in an interval, at most, along all axes together.
     why : str
         What multiplies what, in words.
+    disk : int
+        Bytes that a store takes on its disk, at most.
     """
 
     operations: float
@@ -47,6 +49,7 @@ class Cost(NamedTuple):
     once: float
     crossed: float
     why: str
+    disk: int = 0
 
     def __str__(self) -> str:
         return f"{self.operations:.2g} operations and {self.nbytes / 1e9:.2g} GB of memory: {self.why}"
@@ -101,7 +104,8 @@ class Meter:
         self.each = round((cost.operations - cost.once) / max(cost.tubes, 1))
         total = None if endless else self.until + cost.tubes * self.each
         self.bar = tqdm(desc=self.name, total=total, unit="op", unit_scale=True, disable=self.hidden)
-        self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB")
+        disk = f" and {cost.disk / 1e9:.2g} GB on disk" if cost.disk else ""
+        self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB{disk}")
 
     def tick(self, operations: float) -> None:
         """So many operations are done, of the avoid games or of the tube at hand: at most what was counted."""

@@ -5,21 +5,19 @@ to the nearer end. On the grid itself no state could cross an end, so this avoid
 extends past the ends, as far as one interval can lead; there the dynamics are those at the end.
 """
 
-import warnings
-from collections.abc import Callable
-from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
 
+from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, shrunk
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
+from sdhj.solver.former import Former
 from sdhj.solver.games import Games
 from sdhj.solver.schemes import checked_travel
-from sdhj.table.table import AvoidTubes
 
 MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's end fall tenfold per node
 
@@ -41,52 +39,26 @@ class Danger(NamedTuple):
 
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis."""
-    low, high = problem.grid.faces("unsafe")
-    found = []
-    for part in problem.unsafe:
-        axes = problem.avoid_axes(part)
-        found.append(Danger(axes, problem.moves(part), problem, part, (slice(None),) * len(axes)))
-    return found + [_ends(problem, axis) for axis in np.flatnonzero(np.isfinite(low) | np.isfinite(high)).tolist()]
+    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
+    if (found := vars(problem).get("_dangers")) is None:
+        found = [
+            Danger(axes := problem.avoid_axes(part), problem.moves(part), problem, part, (slice(None),) * len(axes))
+            for part in problem.unsafe
+        ]
+        unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
+        found += [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
+        vars(problem)["_dangers"] = found
+    return list(found)
 
 
-def avoid_tubes(problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Games], games: Games) -> AvoidTubes:
-    """The avoid tubes for every input: once for static unsafe sets, for each step for moving ones.
-
-    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
-    """
-    count, felt, everything = len(problem.inputs), set(), dangers(problem)
-    kinds = [[danger for danger in everything if danger.moves == moves] for moves in (False, True)]
-    axes = [tuple(sorted({axis for danger in alike for axis in danger.axes})) for alike in kinds]
-    made = []
-    for alike, kept, often in zip(kinds, axes, (1, problem.most_steps), strict=True):
-        tubes = np.empty((often, count, *(problem.grid.shape[axis] for axis in kept)), games.dtype)
-        if not alike:
-            tubes.fill(-np.inf)
-        # a step at a time, at which games that are played on one grid share velocities that depend on time
-        for _, together in groupby(enumerate(alike), key=lambda one: id(one[1].problem)):
-            some = list(together)
-            playing = games if some[0][1].problem is problem else make(some[0][1].problem)
-            for step, (number, danger) in product(range(often), some):
-                at = [kept.index(i) for i in danger.axes]
-                found = playing.avoid(danger.part, step)[(slice(None), *danger.inside)]
-                if id(danger.part) not in felt and found.max() > 0:
-                    felt.add(id(danger.part))
-                fits = found.flags.carray and (found.shape, found.dtype) == (tubes[step].shape, tubes.dtype)
-                if number == 0 and often == 1 and fits:
-                    tubes = found[None]  # to copy them all would take as long as a game
-                    continue
-                for total, tube in zip(tubes[step], found, strict=True):
-                    lifted = problem.grid.subgrid(kept).lift(tube, at)
-                    np.maximum(total if number else lifted, lifted, out=total)
-        for tube in tubes.reshape(-1, *tubes.shape[2:]) if kept and problem.sensing else ():
-            tube[:] = shrunk(problem, tube, kept)
-        inner = (problem.grid.inner[axis] for axis in kept)
-        made.append(np.ascontiguousarray(tubes[(slice(None), slice(None), *inner)]))
-    for part in problem.unsafe:
-        if id(part) not in felt:
-            warnings.warn(never_felt(part), stacklevel=6)
-    return AvoidTubes(axes[0], made[0][0], axes[1], made[1])
+def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
+    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want."""
+    found = former.tube(danger, step) if former else None
+    if found is None:
+        found = games.avoid(danger.part, step)[(slice(None), *inside)]
+    if former:
+        former.keep(danger, found)
+    return found
 
 
 def never_felt(part: UnsafeSet) -> str:

@@ -15,12 +15,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
+from sdhj.kernels.stages import REACH
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, maxima, operations, out_of_danger
 from sdhj.problem.cost import CALL, tick
@@ -28,6 +30,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, Interval, Velocities
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
+from sdhj.solver.former import Patch, carried_on, spread
 from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import (
     STAGES,
@@ -50,6 +53,9 @@ BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving f
 ROUNDING = 1e-12  # of pushes, relative to the greatest
 SHIFT = "limited"  # how the moving frame is brought back: no less accurate than the differences it serves
 Axes = tuple[int, ...]
+Counted = Mapping[Axes, Sequence[int]]
+Wanted = Mapping[int, slice]
+NONE: Any = MappingProxyType({})  # no axis has an entry
 
 
 class Games(Protocol):
@@ -161,25 +167,31 @@ class Wall:
 
 
 class _OnAxes:
-    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4)."""
+    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
+
+    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
+    wanted : by the axis, where in a window the nodes are that are needed.
+    """
 
     dtype: str
+    patches = True  # whether `reaches` heeds a patch
 
-    def __init__(self, problem: ReachAvoidProblem, axes: Sequence[int] | None) -> None:
-        self.problem = problem
+    def __init__(
+        self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
+    ) -> None:
+        self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
         interval, self.count = problem.interval(0), len(problem.inputs)
         self.duration, self.early = interval.delta, interval.early
         self.crossed = 0.0
-        self.wanted: Mapping[int, slice] = {}  # by the axis, where in a window the nodes are that are needed
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
         """The nodes of some axes whose values are needed."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """As `reach`, of some inputs after one another at a time."""
+    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
+        """As `reach`, of some inputs after one another at a time; of a patch where they are needed, which it learns."""
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
@@ -221,12 +233,12 @@ class HJIGames(_OnAxes):
 
     joint = False
 
-    def __init__(self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None) -> None:
-        super().__init__(problem, axes)
+    def __init__(
+        self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
+    ) -> None:
+        super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
-        # by the axes, time steps for each input: what the whole grid asks for, where this is a window of it
-        self.counted: Mapping[Axes, Sequence[int]] = {}
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
         self._room, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
@@ -263,6 +275,19 @@ class HJIGames(_OnAxes):
         shrinks = self.problem.stays & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
+    @cached_property
+    def brought(self) -> FloatArray:
+        """How far along each axis the disturbance moves a state in an interval, if that is a cell or more: (axes,).
+
+        Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps them.
+        Below a cell it reaches no other node, and interpolation alone would wear sets down. Nor where a component of
+        the disturbance moves several axes, as not all of a box can be reached.
+        """
+        far = self.push.sum(axis=1) * self.duration
+        return (
+            far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
+        )
+
     @property
     def shifted(self) -> bool:
         """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
@@ -278,17 +303,32 @@ class HJIGames(_OnAxes):
         past = past_ends(self.problem, self.axes)
         return self.grid.continued(past) if any(past) else self.grid, past
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
-        wanted = self.wanted_on(self.axes)
+        wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
-            yield from self._shifts(values, step)
-        elif groups := self.groups(self.axes):
+            yield from self._shifts(values, step, patch)
+            return
+        if patch:
+            planes = patch.rows = patch.besides | spread(self.grid, patch.changed, *self._reads(step))
+            if not planes.any():
+                return
+        if groups := self.groups(self.axes):
             self.solved += self.count
-            phis = evolve_each(self.grid, values, groups, self.duration, self.scheme, scratch=self._scratch)
+            given = self.grid, values, groups, self.duration, self.scheme
+            phis = evolve_each(*given, scratch=self._scratch, planes=planes)
             yield Pieces(0, self.grid, [phis[(slice(None), *wanted)]], [tuple(range(self.grid.ndim))])
         else:
-            yield from in_eights(self.grid, ((j, self._evolve(values, j, step)[wanted]) for j in range(self.count)))
+            each = ((j, self._evolve(values, j, step, planes)[wanted]) for j in range(self.count))
+            yield from in_eights(self.grid, each)
+
+    def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
+        """How many nodes to each side a stage reads, and how many stages an interval has: see `spread`."""
+        if still is None:
+            steps = self.steps(self.axes, step)
+        else:
+            steps = still.steps(self.around[0], self.duration, self.scheme.cfl)
+        return min(self.scheme.order, REACH), steps * len(STAGES[self.scheme.integrator])
 
     def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
         """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
@@ -311,28 +351,50 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            more = operations(grid, shift, shift)
+            far = self.brought[None]
+            more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
 
-    def _shifts(self, values: FloatArray, step: int) -> Iterator[Maxima]:
-        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only."""
+    def _shifts(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima]:
+        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
+
+        Psi is the greater of the solution by differences and of the maximum over what the disturbance reaches.
+        """
         (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
-        self.solved += 1
-        still = evolve(grid, values, self.velocities(0, self.axes, step, drift=False), self.duration, self.scheme)
+        pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
+        far = self.brought
+
+        def solve(planes: FloatArray | None) -> FloatArray:
+            self.solved += 1
+            still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
+            if far.any():  # differences would fill narrow gaps
+                np.maximum(still, next(maxima(grid, values, -far[None], far[None], SHIFT)).of()[0], out=still)
+            return still
+
+        if patch:
+            cells = far / grid.spacing, np.abs(shift).max(axis=0) / grid.spacing
+            still = patch.solve_still(solve, grid, past, self._reads(step, pushes), cells)
+            if not patch.rows.any():
+                return
+        else:
+            still = solve(None)
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
-    def _evolve(self, values: FloatArray, j: int, step: int) -> FloatArray:
+    def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
         known = self.counted.get(self.axes)
         steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
-        return evolve_stopped(self.grid, values, velocities, self.duration, self.scheme, self.early, steps=steps)
+        given = self.grid, values, velocities, self.duration, self.scheme
+        if self.early:
+            return evolve_stopped(*given, self.early, steps=steps)
+        return evolve(*given, steps=steps, planes=planes)
 
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
         """All inputs as `evolve_each` takes them, by default with as few time steps each as they need.
@@ -364,23 +426,17 @@ class HJIGames(_OnAxes):
     @cached_property
     def formula(self) -> "HopfLaxGames":
         """The same games by the Hopf-Lax formula."""
-        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes)
+        return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, wall: Wall, step: int) -> FloatArray:
         """As `_OnAxes.tubes`."""
         if not self.by_formula(wall.axes):
             return super().tubes(wall, step)
-        self.formula.wanted = self.wanted
         return self.formula.tubes(wall, step)
 
     def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`, by the Hopf-Lax formula or by differences."""
-        problem = self.problem
-        if self.by_formula(wall.axes):
-            self.formula.wanted = self.wanted
-            yield from self.formula.each_tube(wall, step)
-            return
-        grid, steps = problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
+        """As `_OnAxes.each_tube`."""
+        grid, steps = self.problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
         at = self.wall_at(wall, step, steps)
         keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
         groups = [] if wall.instant else self.groups(wall.axes, steps)
@@ -459,13 +515,14 @@ class JointGames(HJIGames):
     """The reach-avoid game of Prop. 1 in one PDE on the whole grid."""
 
     joint = True
+    patches = False
 
     @property
     def shifted(self) -> bool:
         """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
         return super().shifted and not self.problem.unsafe
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
         problem, grid = self.problem, self.grid
         if self.shifted:
@@ -505,9 +562,9 @@ class HopfLaxGames(_OnAxes):
     shifted = True  # as `HJIGames.shifted`
 
     def __init__(
-        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Sequence[int] | None = None
+        self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        super().__init__(problem, axes)
+        super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
         self.interpolation, self.dtype = interpolation, dtype
@@ -521,8 +578,12 @@ class HopfLaxGames(_OnAxes):
                 raise too_restless(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
+    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
         """As `_OnAxes.reaches`."""
+        if patch:
+            patch.rows = patch.besides | carried_on(self.grid, patch.changed, self.cells)
+            if not patch.rows.any():
+                return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
         boxes = np.array([interval.reached(0.0, end) for end in ends])[..., self.axes]
@@ -538,12 +599,6 @@ class HopfLaxGames(_OnAxes):
         for some in self._tube_maxima(wall, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
-
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`."""
-        for some in self._tube_maxima(wall, step):
-            for begin in range(0, some.number, EIGHT):
-                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
     def _tube_maxima(self, wall: Wall, step: int) -> Iterator[Maxima]:
         """Each piece of the interval takes the box that holds all states of its duration."""

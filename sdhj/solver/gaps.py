@@ -2,12 +2,15 @@
 
 Under input u_j a target S is reached from S less what the disturbance undoes, moved back by the displacement d_j: a
 copy of S for each input, thinner than S by what the disturbance pushes. Copies whose neighbours are farther apart than
-they are thick leave gaps. The equations keep gaps open, but errors of the scheme close them: at each step the edges of
-a gap move inwards by a part of a cell, and only what the disturbance pushes moves them back. It has to push a cell in
-an interval where reach sets are computed by a shift or a formula, and eight by differences, which smear all the way.
+they are thick leave gaps. The equations keep gaps open, but errors of the scheme close them in two ways:
+
+* at each step the edges of a gap move inwards by a part of a cell, and only what the disturbance pushes moves them
+  back: it has to push a cell in an interval, or eight by differences, which smear all the way;
+* a gap of a few cells is lost at once, however far the disturbance pushes.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +18,21 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem, beside
 
-ENOUGH = {True: 1.0, False: 8.0}  # cells, if shifted and by differences: .001 to .002 of a line of gaps is wrong there
+# cells that the disturbance has to push and that a gap has to be wide, if shifted and by differences: of what a line of
+# gaps promises .001 to .002 is wrong at such a push, and less than .02 at such a width, for pushes of 1/4 to 32 cells
+ENOUGH = {True: (1.0, 8.0), False: (8.0, 16.0)}
 PARTS = 16  # of a displacement, at whose ends the target is asked
 MOST_PAIRS = 5_000  # pairs of displacements at most
 MIDDLES = 64  # of the middle of the target, with other coordinates drawn at random
 LARGEST = 2**22  # nodes of a target that is looked at
-RARE = 0.1  # of the states in the middle of the target: fewer may be a corner of it
+RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer may be a corner of it
+
+
+class _Gaps(NamedTuple):
+    """How far the disturbance pushes along an axis in an interval, and how wide the gaps along it are; inf if none."""
+
+    push: float
+    width: float
 
 
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
@@ -31,33 +43,39 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.stays or grid.subgrid(axes).size > LARGEST:
         return ""
-    found: dict[int, float] = {}  # by the axis along which there are gaps, how far the disturbance pushes
+    found: dict[int, _Gaps] = {}  # by the axis
     for step in (0, problem.most_steps // 2, problem.most_steps) if problem.target.moving else (0,):
-        for axis, push in _apart(problem, step).items():
-            found[axis] = min(push, found.get(axis, math.inf))
-    cells = {axis: push / grid.spacing[axis] for axis, push in found.items()}
-    short = [axis for axis in cells if cells[axis] < ENOUGH[shifted] * (1 - 1e-9)]
+        for axis, here in _apart(problem, step).items():
+            found[axis] = _Gaps(*np.minimum(here, found.get(axis, here)).tolist())
+    cells = {axis: np.array(there) / grid.spacing[axis] for axis, there in found.items()}
+    with np.errstate(divide="ignore"):  # without a disturbance no number of nodes is enough
+        finer = {axis: float(np.max(ENOUGH[shifted] / has)) * (1 - 1e-9) for axis, has in cells.items()}
+    short = [axis for axis in sorted(finer) if finer[axis] > 1]
     if not short:
         return ""
-    known, nodes = " and ".join(grid.names[axis] for axis in short), []
-    for axis in short:
-        if found[axis] > 0:
-            length = grid.upper[axis] - grid.lower[axis]
-            least = math.ceil(length * ENOUGH[shifted] / found[axis] * (1 - 1e-9)) + (not grid.periodic[axis])
-            nodes.append(f"{least:,} nodes along {grid.names[axis]}")
-    pushes = " and ".join(f"{cells[axis]:.2g}" for axis in short)
+    nodes = []
+    for axis in sorted(finer):
+        # where pieces touch along an axis a gap along another is a hole, which is filled from all sides
+        factor = finer[axis] or max(finer.values())
+        if 1 < factor < math.inf:
+            ends = not grid.periodic[axis]
+            nodes.append(f"{math.ceil((grid.shape[axis] - ends) * factor) + ends:,} nodes along {grid.names[axis]}")
+    known, (pushes, widths) = (
+        " and ".join(grid.names[axis] for axis in short),
+        (" and ".join(f"{cells[axis][which]:.2g}" for axis in short) for which in (0, 1)),
+    )
     lax = "sdhj.HopfLax(), which needs fewer nodes; " if not shifted and problem.dynamics.stateless else ""
     return (
         f"The tubes may be separate pieces along {known}, because a step is longer than the target is thick, and the "
-        f"grid fills the gaps between them: the disturbance pushes {pushes} cells in a step, and should push "
-        f"{ENOUGH[shifted]:g}. What helps: "
+        f"grid fills the gaps between them: the disturbance pushes {pushes} cells in a step, and the gaps are {widths} "
+        "cells wide, which should be {:g} and {:g}. What helps: ".format(*ENOUGH[shifted])
         + (f"{' and '.join(nodes)}; " if nodes else "")
         + f"{lax}a shorter delta, or slower inputs beside these, so that steps are shorter than the target is thick"
     )
 
 
-def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
-    """The axes along which inputs lead past the target, and how far the disturbance pushes along each in a step."""
+def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
+    """What gaps there are along the axes that inputs move the target along; empty if none lead past it."""
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _middle(problem, some, t)
@@ -77,11 +95,17 @@ def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, float]:
     taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
     longer = e * (1.0 + taken_off)[:, None]
-    alone = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t) < 1.0
+    ways = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t)
+    alone, widths = ways < 1.0, np.abs(longer) * (1.0 - ways)[:, None]
     if len(np.unique(state[alone])) < RARE * len(points):
         return {}
     hit = along & alone[:, None]
-    return {axis: float(push[state[hit[:, i]], i].min()) for i, axis in enumerate(axes) if hit[:, i].any()}
+    found = {axis: _Gaps(math.inf, math.inf) for axis, moved in zip(axes, along.T, strict=True) if moved.any()}
+    for i, axis in enumerate(axes):
+        if (here := hit[:, i]).any():
+            width = np.quantile(widths[here, i], RARE, method="lower")
+            found[axis] = _Gaps(float(push[state[here], i].min()), float(width))
+    return found
 
 
 def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:

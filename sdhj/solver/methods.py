@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.former import Former
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
 from sdhj.solver.schemes import DTYPES, Scheme
@@ -63,12 +64,16 @@ class HJI(Options):
         """The options, for a table's details."""
         return {"games": self.games} | vars(self.scheme)
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HJIGames:
-        """The solver of the games of one interval, on some axes of a problem, by default all."""
-        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes)
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
+        """The solver of the games of one interval, on some axes of a problem, by default all.
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options)
+        On a window of a grid: `counted`, by the axes, time steps of each input on the whole grid, and `wanted`, by the
+        axis, the nodes whose values are needed.
+        """
+        return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
+
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
 
 
 @dataclass(frozen=True)
@@ -105,12 +110,12 @@ class HopfLax(Options):
         """The options, for a table's details."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
-    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None) -> HopfLaxGames:
-        """The solver of the games of one interval, on some axes of a problem, by default all."""
-        return HopfLaxGames(problem, self.interpolation, self.dtype, axes)
+    def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
+        """As `HJI.on`; a formula has no time steps to be counted."""
+        return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.dtype, self.options)
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        return GridSets(problem, self.name, self.on, self.dtype, self.options, former)
 
 
 METHODS: dict[str, Any] = {  # by name; `sdhj.solving` adds those of higher layers

@@ -11,7 +11,7 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,11 +22,14 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem, shrunk
-from sdhj.solver.avoid import avoid_tubes, dangers
+from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
+from sdhj.solver.avoid import dangers, never_felt, tube_of
+from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
+from sdhj.solver.slabs import AvoidGame, Plan, Task, read_window
 from sdhj.table.batches import Table
+from sdhj.table.store import Memory
 from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
@@ -148,29 +151,35 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
     return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
 
 
-def cost_on_grid(
-    problem: ReachAvoidProblem, make: Callable[[ReachAvoidProblem], Any], games: Any, nbytes: int
-) -> Cost | None:
-    """What a solve costs by the model of `sdhj.problem.cost`; None of games that do not say.
-
-    `games` are those of the problem, with a rim if it has safe ends; `make` creates those of a wide problem.
-    """
+def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
+    """What a solve costs by the model of `sdhj.problem.cost`, slabs with their halos; None of games that do not say."""
+    problem, slabs = plan.problem, plan.layout.slabs
+    games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
     played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
+
+    def share(grid: Grid, axis: int | None, halo: int) -> float:
+        """How much of a grid is gone through, slab by slab."""
+        n = 1 if axis is None or slabs == 1 else grid.shape[axis]
+        return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
+
     tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
-    for danger in dangers(played):
-        playing, own = games if danger.problem is played else make(danger.problem), danger.problem
+    for danger, axis, _, halo, counted in plan.games:
+        own = danger.problem
+        playing: Any = games
+        if own is not played or slabs > 1:
+            playing = plan.make(own, counted=counted) if counted else plan.make(own)
         each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
-        once += float(np.mean(each)) * (steps if danger.moves else 1)
+        once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
-    whole = tuple(range(problem.grid.ndim))
-    each = [games.operations(whole, step) + len(problem.inputs) * problem.grid.size for step in looked]
+    whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
+    each = [games.operations(whole, step) * shared + len(problem.inputs) * problem.grid.size for step in looked]
     crossed = max(crossed, games.crossed)
     check_crossing(problem, crossed, stacklevel=6)
-    why = multiplied(problem, tubes, problem.grid.size, "nodes")
-    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why)
+    why = multiplied(problem, tubes, problem.grid.size, "nodes") + (f", in {slabs} slabs" if slabs > 1 else "")
+    return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
 
 
 def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
@@ -194,7 +203,8 @@ class InputRows:
             fits = more <= grid.ndim // 2 or math.prod(grid.shape[-more:]) <= LONG
             if fits and all(trailing <= set(some) or not trailing & set(some) for some in axes):
                 last = more
-        self.size = math.prod(grid.shape[-last:])
+        self.last, self.size = last, math.prod(grid.shape[-last:])
+        self.every = np.arange(grid.size // self.size)
         self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
@@ -229,8 +239,26 @@ class InputRows:
             self._known_lines[axes, number] = begin, at, widths, nodes
         return self._known_lines[axes, number]
 
-    def add(self, tube: FloatArray, mask: FloatArray, reach: Maxima | Pieces, step: int, start: FloatArray) -> None:
-        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`."""
+    def of_planes(self, planes: FloatArray) -> FloatArray:
+        """Which rows have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        axes, lead = self.grid.ndim - self.last, planes.ndim
+        if axes > lead:  # lines
+            planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
+        return np.flatnonzero(planes.any(axis=tuple(range(axes, lead))))
+
+    def add(
+        self,
+        tube: FloatArray,
+        mask: FloatArray,
+        reach: Maxima | Pieces,
+        step: int,
+        start: FloatArray,
+        some: FloatArray | None = None,
+    ) -> None:
+        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`.
+
+        some : the rows in which that is done, by default all.
+        """
         behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
         if isinstance(reach, Maxima) and behind % self.size:
             reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
@@ -243,7 +271,120 @@ class InputRows:
         walls = Walls(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
         )
-        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start))
+        some = self.every if some is None else some
+        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start), some)
+
+
+def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
+    """The avoid tubes of a slab as inputs read them, and at which place those of the step are; of all if it is one."""
+    layout, problem = plan.layout, plan.problem
+    axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
+    if layout.slabs == 1:
+        if "rows" not in plan.kept:
+            # whether the reach sets avoid everything already: joint games know of no unsafe ends
+            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("unsafe")
+            plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
+        return plan.kept["rows"], task.step
+    begin, end = layout.span(task.slab)
+    static, moving = (
+        arrays.read(name, place, layout.runs(name, task.slab))
+        for name, place in (("avoid_static", 0), ("avoid_moving", task.step))
+    )
+    slab = problem.grid.stretch(layout.axis, begin, end - begin)
+    return InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving[None])), 0
+
+
+def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
+    """Do a task and write what comes of it: the task, what `_avoid` returns, and what the ledger is to be told."""
+    felt: list[bool] = []
+    if task.kind in plan.avoid:
+        values, felt = _avoid(plan, arrays, task)
+    else:
+        values = (_goal if task.kind == "goal" else _extend)(plan, arrays, task)
+    return task, felt, arrays.write(task.written, values)
+
+
+def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
+    """The target minus the unsafe sets, on one slab; nothing is marked."""
+    problem, layout = plan.problem, plan.layout
+    begin, end = layout.span(task.slab)
+    part = problem.on(problem.grid.stretch(layout.axis, begin, end - begin))
+    tube, mask = arrays.room(task.written)
+    tube[...] = shrunk(part, part.goal(task.step))
+    return [tube, mask]
+
+
+def _extend(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
+    """Level-set functions united by the minimum, intersected by the maximum, on one slab."""
+    problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
+    window, games = plan.play(task.slab)
+    before, played = arrays.read("tubes", task.before, runs), problem.rimmed.grid
+    values = led_into(problem, read_window(arrays, "tubes", task.after, window))
+    if played is not problem.grid:
+        values = np.pad(values, played.rim, "edge")
+    (rows, step), (tube, mask) = _rows(plan, arrays, task), arrays.room(task.written)
+    start = np.full_like(before, np.inf) if problem.stays else before
+    patch: Patch | None = plan.kept.get("patch")
+    for some in _reaches(problem, games, values, task.step, patch):
+        rows.add(tube, mask, some, step, start, rows.of_planes(patch.rows) if patch else None)
+        start = tube
+    if patch:
+        patch.copy_rest(tube, mask)
+    if problem.stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
+        np.maximum(tube, before, out=tube)
+    return [tube, mask]
+
+
+def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
+    """Whether reach sets have to be written out, to be changed."""
+    return not hasattr(games, "reaches") or problem.rimmed is not problem or bool(problem.sensing)
+
+
+def _reaches(
+    problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
+) -> Iterator[Maxima | Pieces]:
+    """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
+    if not written_out(problem, games):
+        yield from games.reaches(values, step, *[patch] * bool(patch))
+        return
+    inner, reach = problem.rimmed.grid.inner, games.reach(values, step)
+    kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
+    yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach))
+
+
+def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[bool]]:
+    """The avoid tubes of every input on one slab, or of all where they know nothing of the cut.
+
+    Returns of each game, too, whether any node is in danger.
+    """
+    problem, layout, kept = plan.problem.rimmed, plan.layout, plan.layout.axes(task.kind)
+    begin, end = layout.span(task.slab)
+    nodes = [end - begin if axis == layout.axis and layout.slabs > 1 else problem.grid.shape[axis] for axis in kept]
+    (total,), felt = arrays.room(task.written), list[bool]()
+    if total.shape[1:] != tuple(nodes):  # with a rim
+        total = np.empty((layout.inputs, *nodes), plan.dtype)
+    keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
+    for game in plan.avoid[task.kind]:
+        danger = game.danger
+        games, inside = plan.play_avoid(game, task.slab)
+        found = tube_of(games, danger, inside, task.step, keeps)
+        felt.append(bool(found.max() > 0))
+        if (
+            len(felt) == 1
+            and not keeps
+            and found.flags.carray
+            and (found.shape, found.dtype) == (total.shape, total.dtype)
+        ):
+            total = found
+            continue
+        at, first = [kept.index(i) for i in danger.axes], len(felt) == 1
+        for out, tube in zip(total, found, strict=True):
+            lifted = np.expand_dims(tube, [i for i in range(len(kept)) if i not in at])
+            np.maximum(lifted if first else out, lifted, out=out)
+    for tube in total if problem.sensing else ():
+        tube[:] = shrunk(problem, tube, kept)
+    inner = (slice(None) if layout.slabs > 1 else problem.grid.inner[axis] for axis in kept)
+    return [np.ascontiguousarray(total[(slice(None), *inner)])], felt
 
 
 class GridSets:
@@ -259,6 +400,14 @@ class GridSets:
     dtype : {"float32", "float64"}
     options : mapping
         The method's options, for the table's details.
+    former : Former, optional
+        An earlier solve, of which what cannot differ is copied.
+    plan, arrays : Plan, Arrays
+        How the grid is cut into slabs, and where these come from and go to; by default one slab, in memory.
+    run : callable (tasks) -> iterable
+        What yields what `work` returns of tasks, in any order; by default one after the other, here.
+    tick : callable (slabs)
+        Gets how many slabs are done, each time that some are.
 
     Raises
     ------
@@ -270,61 +419,97 @@ class GridSets:
         self,
         problem: ReachAvoidProblem,
         method: str,
-        games: Callable[[ReachAvoidProblem], Games],
+        games: Callable[..., Games],
         dtype: str = "float32",
         options: Mapping[str, Any] | None = None,
+        former: Former | None = None,
+        plan: Plan | None = None,
+        arrays: Any = None,
+        run: Callable[[list[Task]], Iterable[Any]] | None = None,
+        tick: Callable[[int], Any] = lambda slabs: None,
     ) -> None:
-        needed = memory_needed(problem, dtype)
-        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
-        why = multiplied(problem, number, problem.grid.size, "nodes")
-        remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
-        require(needed, "this solve", f"it has {why}; use {remedies}")
-        self.timeless = problem.timeless
-        self.problem, self.games, self.options = problem, games(problem.rimmed), dict(options or {})
-        begin(lambda: cost_on_grid(problem, games, self.games, needed), problem.steps is None)
-        check_resolution(problem, stacklevel=5)
-        tubes = avoid_tubes(problem.rimmed, games, self.games)
-        # whether the reach sets avoid everything already: joint games know of no unsafe ends
-        joint = getattr(self.games, "joint", False) and not problem.grid.has("unsafe")
-        self.rows = InputRows(problem.grid, nothing(problem, dtype) if joint else tubes)
-        many = hasattr(self.games, "reaches") and problem.rimmed.grid is problem.grid
-        self.written = not many or bool(problem.sensing)  # whether reach sets have to be written out, to be changed
-        self.table = LookupTable.empty(problem, method, dtype, tubes)
+        self.problem, self.options, self.timeless, self.tick = problem, dict(options or {}), problem.timeless, tick
+        if plan is None:
+            plan = self._in_memory(problem, games, dtype, former)
+        self.plan, self.arrays = plan, Memory(plan.layout) if arrays is None else arrays
+        patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        self.former = former if patches else None
+        self.run = run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
+        self._avoid_tubes()
+        self.table = self.arrays.table(problem, method, LookupTable.places(problem))
         self.shared, self.filled, self.changing = 0, 0, 1.0
         self.shares: dict[int, float] = {}  # of the state space, without a number of steps
         self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
 
+    @property
+    def games(self) -> Any:
+        """The games on the whole grid, where there is one slab."""
+        return self.plan.whole
+
+    @staticmethod
+    def _in_memory(problem: ReachAvoidProblem, games: Callable[..., Games], dtype: str, former: Former | None) -> Plan:
+        """The plan of one slab, after the check of memory."""
+        needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
+        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
+        why = multiplied(problem, number, problem.grid.size, "nodes")
+        remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
+        require(needed, "this solve", f"it has {why}; use {remedies}")
+        plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
+        begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
+        check_resolution(problem, stacklevel=6)
+        return plan
+
+    def _avoid_tubes(self) -> None:
+        """The avoid tubes: once for static unsafe sets, for each step for moving ones."""
+        felt, looked_at = set[int](), True
+        for kind, games in self.plan.avoid.items():
+            if games and self.plan.former and (same := self._known(kind)) is not None:
+                self.arrays.arrays[kind] = same
+                felt |= {id(game.danger.part) for game in games}
+                continue
+            for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
+                found = self._do(Task(kind, step, step))
+                looked_at &= len(found) == self.plan.layout.slabs_of(kind)
+                felt |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
+        for part in self.plan.problem.rimmed.unsafe if looked_at else ():  # else an earlier solve has seen the others
+            if id(part) not in felt:
+                warnings.warn(never_felt(part), stacklevel=6)
+
+    def _known(self, kind: str) -> FloatArray | None:
+        """The avoid tubes of a kind that a former solve has."""
+        moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
+        same = self.plan.former.same(found, moves, self.problem.most_steps if moves else 1)
+        return same if same is None or moves else same[0]
+
+    def _do(self, task: Task) -> list[Any]:
+        """Have a task done on all slabs where it is not; what `_avoid` said of these."""
+        tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
+        todo = [one for one in tasks if not self.arrays.there(one.written)]
+        self.tick(len(tasks) - len(todo))
+        found = []
+        for done, felt, digest in self.run(todo):
+            self.arrays.enter(done.written, digest)
+            found.append(felt)
+            self.tick(1)
+        return found
+
     def goal(self, step: int) -> None:
-        self.table.value_array(step, 0)[:] = shrunk(self.problem, self.problem.goal(step))
+        self._do(Task("goal", step, self.table.place(step, 0)))
 
     def extend(self, step: int, within: int) -> None:
-        """As `Sets.extend`: level-set functions united by the minimum, intersected by the maximum."""
-        table, rows, endless = self.table, self.rows, self.problem.steps is None
+        """As `Sets.extend`."""
+        table, endless = self.table, self.problem.steps is None
         if endless:
             require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
-        tube, mask = table.value_array(step, within), table.mask_array(step, within)
-        before, stays = table.value_array(step, within - 1), self.problem.stays
-        start = np.full_like(before, np.inf) if stays else before
-        played, values = self.problem.rimmed.grid, shrunk(self.problem, table.value_array(step + 1, within - 1))
-        if played is not self.problem.grid:
-            values = np.pad(values, played.rim, "edge")
-        for some in self._reaches(values, step):
-            rows.add(tube, mask, some, step, start)
-            start = tube
-        if stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
-            np.maximum(tube, before, out=tube)
+        places = [table.place(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
+        self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
+        self._do(Task("extend", step, *places))
+        if self.former and patch:
+            self.former.done(patch, step, within)
         if endless:
+            tube, before = table.value_array(step, within), table.value_array(step, within - 1)
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
             self.shares[within] = table.fraction(within=within)
-
-    def _reaches(self, values: FloatArray, step: int) -> Iterator[Maxima | Pieces]:
-        """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
-        problem, played, games = self.problem, self.problem.rimmed.grid, self.games
-        if not self.written:
-            yield from games.reaches(values, step)  # type: ignore[attr-defined]
-        else:
-            reach = self.games.reach(values, step)
-            yield from in_eights(problem.grid, ((j, shrunk(problem, phi[played.inner])) for j, phi in reach))
 
     def stopped(self, step: int, within: int) -> bool:
         if self.problem.steps is None:
@@ -332,11 +517,13 @@ class GridSets:
             if self.creeping is None and motion <= CREEPING:
                 self.creeping = within
             return motion <= SETTLED and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
-        return np.array_equal(self.table.value_array(step, within), self.table.value_array(step, within - 1))
+        one, other = (self.table.value_array(step, n) for n in (within, within - 1))
+        return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
         self.table.share(step, within)
         self.shared += 1
+        self.tick(self.plan.layout.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""

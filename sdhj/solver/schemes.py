@@ -21,9 +21,10 @@ there.
 
 import math
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ from sdhj.problem.checks import Options, option
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
+from sdhj.solver.former import spread
 
 Scratch = dict[tuple[Any, ...], FloatArray]  # by what they are for and their shape
 DTYPES = ("float32", "float64")
@@ -73,9 +75,10 @@ class Scheme(Options):
     frame : {"moving", "fixed"}
         "moving": in coordinates that move with the drift the PDE is the same for every input, so it is solved once and
         shifted back by interpolation. Applies if the drift is constant, but not where one component of the disturbance
-        moves several axes, one of them with a wall, and is stronger there than the drift. If the drift is along
-        periodic axes only, and each component moves one axis, the avoid games are solved in closed form
-        (`sdhj.solver.hopf_lax`). "fixed", and otherwise: finite differences for everything.
+        moves several axes, one of them with a wall, and is stronger there than the drift. Where each component moves
+        one axis, by a cell or more in an interval, maxima are kept that differences would erode; if the drift is along
+        periodic axes only, the avoid games are then solved in closed form (`sdhj.solver.hopf_lax`). "fixed", and
+        otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
     Examples
@@ -139,7 +142,16 @@ def layout_of(grid: Grid, order: int) -> Layout:
     source = _neighbour(np.arange(-top, rows + top), grid, -2) if top else np.zeros(1, np.int64)
     chunks = min(max(1, round(rows * width / RUN)), rows)
     return Layout(
-        near.reshape(begins.size, grid.ndim, -1), source, rows, top, nodes, width, ghosts, chunks, grid.periodic[-1]
+        near.reshape(begins.size, grid.ndim, -1),
+        source,
+        rows,
+        top,
+        nodes,
+        width,
+        ghosts,
+        chunks,
+        grid.periodic[-1],
+        np.arange(begins.size),
     )
 
 
@@ -232,6 +244,7 @@ def evolve(
     *,
     obstacle: FloatArray | Callable[[float], FloatArray] | None = None,
     steps: int | None = None,
+    planes: FloatArray | None = None,
 ) -> FloatArray:
     """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a rim, <= `most_on_rim`.
 
@@ -247,6 +260,8 @@ def evolve(
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
         Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for.
+    planes : (shape[:-2]) bool, optional
+        In which planes of the last two axes the solution is needed; what is in others is undefined then.
 
     Returns
     -------
@@ -262,7 +277,7 @@ def evolve(
             raise ValueError("velocities that depend on time need steps: as many as the fastest of them require")
         steps = velocities.steps(grid, duration, scheme.cfl)
     terms = _over_time(velocities, lambda one: together(grid, [one], scheme))
-    return _evolved(grid, values, terms, 1, duration, scheme, obstacle, steps)[0]
+    return _evolved(grid, values, terms, 1, duration, scheme, obstacle, steps, planes=planes)[0]
 
 
 def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
@@ -282,6 +297,7 @@ def evolve_each(
     scheme: Scheme,
     obstacle: FloatArray | None = None,
     scratch: Scratch | None = None,
+    planes: FloatArray | None = None,
 ) -> FloatArray:
     """As `evolve`, for many inputs at once: (L, shape).
 
@@ -290,7 +306,7 @@ def evolve_each(
     """
     out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
     for inputs, terms, steps in groups:
-        given = len(inputs), duration, scheme, obstacle, steps, {} if scratch is None else scratch
+        given = len(inputs), duration, scheme, obstacle, steps, {} if scratch is None else scratch, planes
         out[inputs] = _evolved(grid, values, lambda tau, terms=terms: terms, *given)  # type: ignore[misc]
     return out
 
@@ -305,6 +321,7 @@ def _evolved(
     obstacle: Any,
     steps: int,
     scratch: Scratch | None = None,
+    planes: FloatArray | None = None,
 ) -> FloatArray:
     """As `evolve`, for `count` inputs of which terms(tau) are the velocities: (count, shape), in `scratch` if given."""
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
@@ -321,9 +338,10 @@ def _evolved(
         phi[:] = first
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
     kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
+    layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        stage(source, out, wall(then), terms(now), order, flux, layout, (kind(dt), kind(keep)))
+        stage(source, out, wall(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
         tick(count * grid.size + CALL)
@@ -334,6 +352,17 @@ def _evolved(
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
     _inner(layout, phi, inner)
     return inner.reshape(count, *grid.shape)
+
+
+def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
+    """The layout for each stage, which writes the planes that the stages behind it read."""
+    if planes is None:
+        return repeat(layout)
+    found = list[Layout]()
+    for _ in range(steps * len(STAGES[scheme.integrator])):
+        found.append(layout._replace(planes=np.flatnonzero(planes)))
+        planes = spread(grid, planes, layout.ghosts, 1)
+    return reversed(found)
 
 
 def evolve_stopped(

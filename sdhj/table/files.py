@@ -209,9 +209,7 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
     filters = {plan.get_filter(place)[0] for place in range(plan.get_nfilters())}
     if data.is_virtual or data.external is not None or not filters <= FILTERS:
         raise ValueError(f"its array {name} lies in another file or has another compression")
-    allowed = [one if isinstance(one, set) else {one} for one in shape or ()]
-    fits = len(data.shape or ()) == len(allowed) and all(n in some for n, some in zip(data.shape, allowed, strict=True))
-    if not (fits or shape is None) or data.dtype not in map(np.dtype, kinds.split()):
+    if not (shape is None or fits(data.shape or (), shape)) or data.dtype not in map(np.dtype, kinds.split()):
         raise ValueError(f"its array {name} must be {kinds} of shape {shape}, got {data.dtype} of {data.shape}")
     packed = data.nbytes > MOST_PACKED * (data.id.get_storage_size() + 1000)
     if packed or math.prod(data.chunks or ()) > max(data.size, MOST_CHUNK):
@@ -220,6 +218,12 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
         raise ValueError(f"its array {name} has {data.nbytes:,} bytes, and at most {most:,} are read")
     require(data.nbytes, f"the array {name} of the file", "close other programs")
     return data[()]
+
+
+def fits(found: tuple[int, ...], shape: Lengths) -> bool:
+    """Whether a shape is one of those allowed."""
+    allowed = [one if isinstance(one, set) else {one} for one in shape]
+    return len(found) == len(allowed) and all(n in some for n, some in zip(found, allowed, strict=True))
 
 
 @contextmanager

@@ -8,9 +8,9 @@ adversary couples axes, the box of a margin is larger than the reachable set, an
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, Self
 
 import h5py
 import numpy as np
@@ -125,6 +125,7 @@ class LookupTable(Table):
     masks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
+    reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
 
     # ---- filling it in
 
@@ -171,7 +172,9 @@ class LookupTable(Table):
         if self.problem.timeless and self.problem.steps is not None:
             np.minimum(self.index, place - 1, out=self.index)
         else:
-            self.index[self.index >= place] -= 1
+            # half a million of a solve without a number of steps, of which the first two rows are asked
+            asked = self.index[: 2 * self.problem.most_steps + 1] if self.problem.steps is None else self.index
+            asked[asked >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
         """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
@@ -341,23 +344,36 @@ class LookupTable(Table):
                 file.create_dataset(f"avoid_{name}", data=getattr(self.avoid, name), chunks=True, **PACKING)
 
     @classmethod
-    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "LookupTable":
+    def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> Self:
         """Read the table of this problem from an open file; ValueError if they do not fit together."""
+        index = stored(file, "index", "int64", (len(entries(problem.most_steps)),))
+        return cls.of_arrays(head, partial(stored, file), index, problem)
+
+    @classmethod
+    def of_arrays(cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem) -> Self:
+        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together."""
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
-        index = stored(file, "index", "int64", (len(entries(steps)),))
+        if index.shape != (len(entries(steps)),):
+            raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
         most = int(index.max()) + 1
         if index.min() < 0:
             raise ValueError("its index points before the first tube")
         ever = int(problem.stays and bool(head["details"].get("endless")))  # the game's value behind its tube
-        tubes = stored(file, "tubes", "float32 float64", ({most, most + ever}, *grid.shape))
+        tubes = stored("tubes", "float32 float64", ({most, most + ever}, *grid.shape))
         if len(tubes) < most + ever:
             raise ValueError("it is of an older version, without the game's value by which inputs are now selected")
-        masks = stored(file, "masks", "uint8", (most, -(-count // 8), grid.size))
+        masks = stored("masks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):
-            axes = axis_numbers(head["avoid_axes"][name], f"avoid_{name}")
-            if list(axes) != sorted(set(axes) & set(range(grid.ndim))):
-                raise ValueError(f"the axes of avoid_{name} must be ascending axes of the grid, got {axes}")
+            axes = ascending_axes(head["avoid_axes"][name], f"avoid_{name}", grid)
             shape = tuple(grid.shape[axis] for axis in axes)
-            avoid += [axes, stored(file, f"avoid_{name}", "float32 float64", (*lead, *shape))]
+            avoid += [axes, stored(f"avoid_{name}", "float32 float64", (*lead, *shape))]
         return cls(problem, head["method"], *read_only((index, tubes, masks)), AvoidTubes(*avoid), head["details"])
+
+
+def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
+    """Axes of a grid that a file names; ValueError if they are none, or not ascending."""
+    found = axis_numbers(axes, name)
+    if list(found) != sorted(set(found) & set(range(grid.ndim))):
+        raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")
+    return found

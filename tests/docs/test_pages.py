@@ -257,7 +257,6 @@ def test_large_problems_are_solved_as_the_page_says(
     recipes: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same table from disk."""
-    pytest.importorskip("zarr", reason="zarr is not installed: pip install 'sdhj[outofcore]'")
     monkeypatch.chdir(tmp_path)
     solving, *_ = blocks(SITE / "large.md")
     names = {"sdhj": sdhj, "problem": recipes["problem"]([recipes["desk"]], steps=4)}

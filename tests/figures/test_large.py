@@ -70,7 +70,7 @@ def test_the_table_and_the_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     rows = [line.split(" | ") for line in done.output.splitlines() if line.startswith("| arm")]
     full, inner = (float(row[4]) for row in rows)
     assert 0.3 < inner < full < 0.9 and [row[5] for row in rows] == ["300", "300"]
-    assert picture.read_bytes().startswith(b"\x89PNG") and (tmp_path / "arm.zarr").is_dir()
+    assert picture.read_bytes().startswith(b"\x89PNG") and (tmp_path / "arm").is_dir()
 
 
 def test_a_picture_of_full_tables_alone_is_refused(tmp_path: Path) -> None:

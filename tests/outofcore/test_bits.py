@@ -7,11 +7,11 @@ from plain import run_plainly
 from slabbed import assert_bit_equal, room, rough_problem
 
 import sdhj
-from sdhj.outofcore import solve
-from sdhj.outofcore.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
-from sdhj.outofcore.solve import planned
+from sdhj import outofcore
+from sdhj.outofcore import planned
 from sdhj.problem import grid as grid_module
 from sdhj.solver.avoid import dangers
+from sdhj.solver.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 
 pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
 ROUGHEST = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler", frame="fixed"))
@@ -85,7 +85,7 @@ def test_slabs_give_every_bit(case, tmp_path, monkeypatch):
     if method in (ROUGHEST, EXACT):
         run_plainly(monkeypatch)
     problem = make()
-    stored = sdhj.solve(problem, method, store=tmp_path / "t.zarr", memory=room(problem, method, width))
+    stored = sdhj.solve(problem, method, store=tmp_path / "t", memory=room(problem, method, width))
     assert stored.details["slabs"] > 2
     assert_bit_equal(stored, sdhj.solve(problem, method))
 
@@ -96,16 +96,15 @@ def test_slabs_give_every_bit(case, tmp_path, monkeypatch):
 def test_however_the_grid_is_cut(width, axis, tmp_path, monkeypatch):
     """Also along axes that are not chosen by themselves."""
     problem = toys.unicycle_problem(nodes=(24, 24, 16), steps=2)
-    monkeypatch.setattr(solve, "planned", lambda problem, method, **_: planned(problem, method, (axis, width)))
-    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t.zarr"), sdhj.solve(problem))
+    monkeypatch.setattr(outofcore, "planned", lambda problem, method, **_: planned(problem, method, (axis, width)))
+    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "t"), sdhj.solve(problem))
 
 
 def played(method, problem, halo, rng):
     """Reach sets of rough values on the whole grid, and on a slab with a halo: both on the slab."""
     values, axes = rng.uniform(-1.0, 1.0, problem.grid.shape).astype(np.float32), (0, 1)
     window, kept = around(problem.grid, 0, (20, 24), halo)
-    part = method.on(problem.on(window))
-    part.counted, part.wanted = time_steps(method, problem, axes), {0: kept}
+    part = method.on(problem.on(window), counted=time_steps(method, problem, axes), wanted={0: kept})
     cut = values.take(window.places(0), axis=0)
     whole = np.stack([phi.copy() for _, phi in sorted_by_input(method.on(problem).reach(values, 0))])
     return whole[:, 20:24], np.stack([phi.copy() for _, phi in sorted_by_input(part.reach(cut, 0))])
@@ -162,6 +161,16 @@ def test_one_node_less_is_too_few_for_hopf_and_lax():
     assert not np.array_equal(*played(method, problem, halo - 1, np.random.default_rng(0)))
 
 
+@pytest.mark.parametrize("gain", [0.3, 0.6, 2.4])
+def test_what_the_disturbance_reaches_is_beside_a_slab(gain):
+    """A push of 1.1, 2.2 and 8.6 cells: the maximum over it may read farther than time steps of first order."""
+    method = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler"))
+    problem = rough_problem(72, gain=gain, drift=0.3)
+    games = method.on(problem)
+    assert games.shifted and games.brought.all()
+    assert np.array_equal(*played(method, problem, reach_halo(games, 0, {}), np.random.default_rng(0)))
+
+
 def test_what_a_time_step_reads():
     assert [depth(scheme) for scheme in SCHEMES] == [1, 4, 9, 4]
 
@@ -176,8 +185,7 @@ def test_avoid_tubes_need_what_they_say(method, monkeypatch):
 
     def on_a_slab(halo):
         window, kept = around(problem.grid, 0, (20, 24), halo)
-        games = method.on(problem.on(window))
-        games.counted, games.wanted = game.counted, {0: kept}
+        games = method.on(problem.on(window), counted=game.counted, wanted={0: kept})
         return games.avoid(game.danger.part, 0)
 
     assert game.halo == avoid_halo(method.on(problem), (0, 1), 0, game.counted)
@@ -195,10 +203,10 @@ def test_a_time_step_of_its_own_would_give_other_bits(tmp_path, monkeypatch):
     fast = sdhj.Dynamics([[1.0]], faster, np.zeros((3, 1)), [0.0])
     problem = sdhj.ReachAvoidProblem(problem.grid, fast, problem.target, (), 0.2, 1)
     table = sdhj.solve(problem)
-    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "a.zarr", memory=room(problem, width=5)), table)
-    monkeypatch.setattr(solve, "time_steps", lambda *_: {})
-    monkeypatch.setattr(solve, "reach_halo", lambda *_: 20)
-    other = sdhj.solve(problem, store=tmp_path / "b.zarr", memory=room(problem, width=5))
+    assert_bit_equal(sdhj.solve(problem, store=tmp_path / "a", memory=room(problem, width=5)), table)
+    monkeypatch.setattr(outofcore, "time_steps", lambda *_: {})
+    monkeypatch.setattr(outofcore, "reach_halo", lambda *_: 20)
+    other = sdhj.solve(problem, store=tmp_path / "b", memory=room(problem, width=5))
     assert not np.array_equal(other.values(start=0, within=1), table.values(start=0, within=1))
 
 
@@ -237,7 +245,7 @@ def test_a_window_has_the_nodes_of_its_grid():
 
 def test_states_past_a_wall_are_in_no_tube_of_a_store_either(tmp_path):
     problem = rough_problem()
-    table, stored = sdhj.solve(problem), sdhj.solve(problem, store=tmp_path / "t.zarr", memory=room(problem))
+    table, stored = sdhj.solve(problem), sdhj.solve(problem, store=tmp_path / "t", memory=room(problem))
     points = np.random.default_rng(0).uniform(-1.5, 1.5, (400, 2))
     found = stored.contains(points)
     assert (

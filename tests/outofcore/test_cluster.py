@@ -2,16 +2,17 @@
 
 import os
 import signal
-from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import toys
-from slabbed import assert_bit_equal, files_of, room
+from slabbed import assert_bit_equal, lines_of, room
 
 import sdhj
-from sdhj.outofcore.slabs import Task
-from sdhj.outofcore.solve import planned, runner
+from sdhj.outofcore import planned, runner
 from sdhj.solver.methods import method_of
+from sdhj.solver.slabs import Task
+from sdhj.table.store import Store, opened_store
 
 dask = pytest.importorskip("dask")
 cloudpickle = pytest.importorskip("cloudpickle")
@@ -46,7 +47,7 @@ def threads():
 
 def test_workers_give_every_bit(threads, tmp_path):
     problem = toys.torus_problem(nodes=40, steps=2)
-    stored = sdhj.solve(problem, store=tmp_path / "t.zarr", client=threads, memory=room(problem, width=8))
+    stored = sdhj.solve(problem, store=tmp_path / "t", client=threads, memory=room(problem, width=8))
     assert stored.details["slabs"] > 4
     assert_bit_equal(stored, sdhj.solve(problem))
 
@@ -54,11 +55,11 @@ def test_workers_give_every_bit(threads, tmp_path):
 @pytest.mark.slow
 def test_workers_give_every_bit_though_one_is_killed(client, tmp_path, monkeypatch):
     """While they have a tube's tasks in hand, and some tubes are there."""
-    problem, store = toys.torus_problem(nodes=40), tmp_path / "t.zarr"
+    problem, store = toys.torus_problem(nodes=40), tmp_path / "t"
     victim, killed, submit = next(iter(client.run(os.getpid).values())), [], client.submit
 
     def killing(*task, **options):
-        if not killed and len(files_of(store, "tubes")) >= 5:
+        if not killed and len(lines_of(store, "tubes")) >= 5:
             killed.append(os.kill(victim, signal.SIGKILL))
         return submit(*task, **options)
 
@@ -72,29 +73,26 @@ def test_workers_give_every_bit_though_one_is_killed(client, tmp_path, monkeypat
 
 def test_an_error_in_a_worker_is_told(threads, tmp_path):
     problem = toys.torus_problem(nodes=40)
-    sdhj.solve(problem, store=tmp_path / "t.zarr", memory=room(problem, width=10))
-    for file in files_of(tmp_path / "t.zarr", "avoid_moving"):
-        file.unlink()
-    plan = planned(problem, method_of("hji"), (0, 10))
+    sdhj.solve(problem, store=tmp_path / "t", memory=room(problem, width=10))
+    (tmp_path / "t" / "avoid_moving.npy").unlink()
+    plan, (store, *_) = planned(problem, method_of("hji"), (0, 10)), opened_store(tmp_path / "t", problem)
     with pytest.raises(sdhj.TableFileError, match="is missing"):
-        list(runner(replace(plan, path=tmp_path / "t.zarr"), threads)([Task("extend", 0, 2, 2, 1, 0)]))
+        list(runner(plan, store, threads)([Task("extend", 2, 2, 1, 0)]))
 
 
 class Deadly:
     """A plan that ends its worker, as one does for which there is not memory enough."""
 
-    path = "a.zarr"
-
     @property
-    def store(self):
+    def avoid(self):
         os._exit(1)
 
 
 @pytest.mark.slow
 def test_a_slab_that_ends_every_worker_is_told(client):
     with pytest.raises(distributed.KilledWorker) as told:
-        list(runner(Deadly(), client)([Task("goal", 0)]))
-    assert "what is finished stays in a.zarr: solve with resume=True" in told.value.__notes__[0]
+        list(runner(Deadly(), Store(Path("a"), None, ""), client)([Task("goal", 0, 0)]))
+    assert "what is finished stays in a: solve with resume=True" in told.value.__notes__[0]
 
 
 def test_no_array_goes_through_the_scheduler(tmp_path):
@@ -102,6 +100,6 @@ def test_no_array_goes_through_the_scheduler(tmp_path):
     sizes = []
     for nodes in (40, 200):
         problem = toys.torus_problem(nodes=nodes)
-        sizes.append(len(cloudpickle.dumps((planned(problem, method_of("hji"), (0, 10)), Task("goal", 0)))))
+        sizes.append(len(cloudpickle.dumps((planned(problem, method_of("hji"), (0, 10)), Task("goal", 0, 0)))))
     assert max(sizes) < 50_000
     assert abs(sizes[1] - sizes[0]) < 100

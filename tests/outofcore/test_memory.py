@@ -12,7 +12,7 @@ CHILD = """
 import sys
 import sdhj, large
 from sdhj.solver.methods import method_of
-from sdhj.outofcore.solve import planned, task_bytes
+from sdhj.outofcore import planned, task_bytes
 
 def told(key):
     with open("/proc/self/status") as status:
@@ -20,13 +20,13 @@ def told(key):
 
 name, nodes, memory = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 make = sdhj.arm_case_study if name == "case study" else large.WORKED[name].problem
-sdhj.solve(make(9), store="small.zarr", progress=False)  # what is compiled and imported is there from now on
+sdhj.solve(make(9), store="small", progress=False)  # what is compiled and imported is there from now on
 problem = make(nodes)
 plan = planned(problem, method_of("hji"), room=memory)
 before = told("VmRSS")
 with open("/proc/self/clear_refs", "w") as refs:
     refs.write("5")  # the peak is counted anew
-sdhj.solve(problem, store="large.zarr", memory=memory, progress=False)
+sdhj.solve(problem, store="large", memory=memory, progress=False)
 print(plan.slabs, task_bytes(plan), told("VmHWM") - before)
 """
 

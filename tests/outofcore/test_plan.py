@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.outofcore import solve
+from sdhj import outofcore
 
 
 def drifting(method, *, periodic):
@@ -17,7 +17,7 @@ def drifting(method, *, periodic):
         delta=0.3,
         steps=2,
     )
-    return solve.planned(problem, method, (0, 8))
+    return outofcore.planned(problem, method, (0, 8))
 
 
 @pytest.mark.parametrize("method", [sdhj.HJI(scheme=sdhj.Scheme(frame="fixed")), sdhj.HopfLax()], ids=["hji", "lax"])
@@ -26,4 +26,4 @@ def test_the_largest_slab_is_stated(method):
     ended, closed = drifting(method, periodic=False), drifting(method, periodic=True)
     assert ended.halo == closed.halo
     assert 8 < ended.halo < 100  # more than a slab, and no window is the grid
-    assert solve.task_bytes(ended) == solve.task_bytes(closed)
+    assert outofcore.task_bytes(ended) == outofcore.task_bytes(closed)

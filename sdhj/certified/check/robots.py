@@ -259,7 +259,14 @@ class Robot(Sets):
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
             swept[:, part, 0], swept[:, part, 1] = a, b
-        return swept, held((np.stack([least, most]) if self.jitter else moved) + OUTWARD * self.off)
+        last = np.stack([least, most]) if self.jitter else moved
+        if not self.sensing.memory:
+            return swept, held(last + OUTWARD * self.off)
+        first, second = (
+            at + last - OUTWARD * self.off
+        )  # what is carried on is that much farther inside, or in the middle
+        middle = (first > second) & self.known
+        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
@@ -275,11 +282,14 @@ class Robot(Sets):
             raise ValueError("no box was found that the state stays in for a part of the interval")
         more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
         room = box + self.known * (far + more)  # all that is reached from the box within the piece
-        out = np.stack(self.velocity(j, room, times))
-        for axis, side in product(np.flatnonzero(self.known), (0, 1)):
-            face = room.copy()
+        faces = list(product(np.flatnonzero(self.known), (0, 1)))
+        every = np.tile(room, (1 + len(faces), 1, 1, 1))
+        for face, (axis, side) in zip(every[1:], faces, strict=True):
             face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]
-            out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]
+        found = np.stack(self.velocity(j, np.concatenate(every, axis=1), times)).reshape(2, len(every), *room.shape[1:])
+        out = found[:, 0]
+        for own, (axis, side) in enumerate(faces, start=1):
+            out[side, :, axis] = found[side, own, :, axis]
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:

@@ -164,10 +164,24 @@ MUTATIONS = {
     ),
     "errors of measurements after": (
         ROBOTS_PY,
-        "if self.jitter else moved) + OUTWARD * self.off)",
-        "if self.jitter else moved))",
+        "held(last + OUTWARD * self.off)",
+        "held(last)",
         "one measurement that errs",
     ),
+    "what is remembered": (ROBOTS_PY, "if not self.sensing.memory:", "if False:", "errors that are forgotten"),
+    "images shrunk once": (
+        ROBOTS_PY,
+        "- at, last - OUTWARD * self.off",
+        "- at, last - 2 * OUTWARD * self.off",
+        "images shrunk by too much",
+    ),
+    "the middle": (
+        ROBOTS_PY,
+        "middle = (first > second) & self.known",
+        "middle = first < first",
+        "a middle that is elsewhere",
+    ),
+    "memory or none": (READING, "expect(self.memory in (True, False)", "expect(True", "head: memory"),
     "a late end": (ROBOTS_PY, "self.length = self.delta + 2 * self.jitter", "self.length = self.delta", "no late end"),
     "an early end": (ROBOTS_PY, "self.length - 4 * self.jitter", "self.length", "no early end"),
     "all ends from the earliest on": (
@@ -182,8 +196,8 @@ MUTATIONS = {
     "the time of a step": (ROBOTS_PY, "self.time(start), finer", "self.time(0), finer", "the tide of another hour"),
     "the whole time of a piece": (
         ROBOTS_PY,
-        "out = np.stack(self.velocity(j, room, times))\n        for",
-        "out = np.stack(self.velocity(j, room, times[:1] * 2))\n        for",
+        "np.concatenate(every, axis=1), times)",
+        "np.concatenate(every, axis=1), times[:1] * 2)",
         "a little later",
     ),
     "room to stay in": (ROBOTS_PY, "(~self.known | (OUTWARD * (room - box - far) > 0)).all()", "True", "less growth"),
@@ -203,8 +217,8 @@ MUTATIONS = {
     "the face on its side": (ROBOTS_PY, "(box[side] + far", "(box[1] + far", "growth from the lower end"),
     "the worst in a face": (
         ROBOTS_PY,
-        "self.velocity(j, face, times)[side][:, axis]",
-        "self.velocity(j, face, times)[0][:, axis]",
+        "found[side, own, :, axis]",
+        "found[0, own, :, axis]",
         "less growth",
     ),
     "states near a cell": (ROBOTS_PY, "self.ends(cells, self.near)", "self.ends(cells)", "states near a cell"),

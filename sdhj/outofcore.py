@@ -1,0 +1,240 @@
+"""Tables larger than memory: the recursion of `sdhj.solver.recursion` on slabs of the grid, kept in a store.
+
+Within one interval nothing travels farther than the differences of all its time steps reach, so a slab of the grid with
+as many nodes beside it, its *halo*, is solved alone (`sdhj.solver.slabs`), here or by the workers of a Dask cluster.
+"""
+
+import copy
+import importlib
+import json
+import math
+import os
+import reprlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels.compiling import announced, hidden
+from sdhj.problem.checks import whole
+from sdhj.problem.cost import Meter, begin
+from sdhj.problem.grid import Grid
+from sdhj.problem.memory import available, require
+from sdhj.problem.problem import ReachAvoidProblem, arrays_of
+from sdhj.solver.avoid import dangers
+from sdhj.solver.games import KEPT, HJIGames
+from sdhj.solver.methods import HJI, HopfLax, method_of
+from sdhj.solver.recursion import PROCESS, GridSets, cost_on_grid, recursion, work
+from sdhj.solver.resolution import check_resolution
+from sdhj.solver.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps
+from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
+from sdhj.table.store import STORE_FORMAT, Store, StoredTable, create, free_name, load_stored, opened_store, room_for
+
+__all__ = ["StoredTable", "load_stored", "solve_stored"]
+LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
+ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
+LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
+
+
+def solve_stored(
+    problem: ReachAvoidProblem,
+    method: Any,
+    path: Named,
+    progress: bool | None,
+    resume: bool,
+    client: Any,
+    memory: int | None,
+    operations: float,
+) -> StoredTable:
+    """As `sdhj.solve` with a store: see there."""
+    if not isinstance(path, str | os.PathLike):
+        raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
+    method, started, path = method_of(method), time.perf_counter(), Path(os.path.abspath(path))
+    refuse(problem, method, resume, client)
+    with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
+        if again := resume and path.exists():
+            store, head, _ = opened_store(path, problem)
+            plan = planned(problem, method, cut_of(store, head, method))
+            store.check(list(store.entered))
+        else:
+            free_name(path)
+            plan = planned(problem, method, room=room_of(memory, client))
+        begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
+        if not again:
+            room_for(path, plan.layout.nbytes)
+            store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
+
+        def slabs_done(number: int) -> None:  # here the games tell, more often
+            if client is not None:
+                meter.tick(number * meter.each / plan.layout.slabs)
+
+        named = method.name, method.on, plan.dtype, method.options
+        sets = GridSets(problem, *named, None, plan, store, runner(plan, store, client), slabs_done)
+        meter.tube()
+        recursion(sets, problem.steps, meter.tube)
+        details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}
+        store.finish(sets.table.index, method.options | details)
+    return load_stored(path, problem, check=False)
+
+
+def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
+    """What does tasks and yields what `work` returns: this process, or the workers of a Dask client.
+
+    Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
+    path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
+    """
+
+    def shared_out(tasks: list[Task]) -> Iterator[Any]:
+        futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
+        try:
+            for future in importlib.import_module("distributed").as_completed(futures):
+                yield future.result()
+        except Exception as error:
+            more = "with more memory for the workers if that is what ended them"
+            error.add_note(f"what is finished stays in {store.path}: solve with resume=True, {more}")
+            raise
+        finally:
+            client.cancel([future for future in futures if not future.done()])
+
+    return shared_out if client is not None else lambda tasks: (work(plan, store, task) for task in tasks)
+
+
+def work_alone(plan: Plan, store: Store, task: Task) -> Any:
+    """As `work`, where no other thread does."""
+    with ONE_AT_A_TIME:
+        return work(plan, store, task)
+
+
+def refuse(problem: ReachAvoidProblem, method: Any, resume: Any, client: Any) -> None:
+    """Raise ValueError for what is not solved out of core."""
+    if not isinstance(resume, bool):
+        raise ValueError(f"resume must be True or False, got {reprlib.repr(resume)}")
+    if client is not None and not (callable(getattr(client, "submit", None)) and hasattr(client, "scheduler_info")):
+        raise ValueError(f"client must be a distributed.Client, got {reprlib.repr(client)}")
+    reasons = {
+        f"method {method.name!r}, but sdhj.HJI and sdhj.HopfLax": not isinstance(method, HJI | HopfLax),
+        'games="joint"': isinstance(method, HJI) and method.games == "joint",
+        "steps=None": problem.steps is None,
+        "sensing": problem.sensing,
+        "dynamics that depend on time": problem.dynamics.timed,
+        "safe ends": problem.grid.has("safe"),
+    }
+    if reason := next((reason for reason, applies in reasons.items() if applies), None):
+        raise ValueError(f"a store does not take {reason}; leave store= out to solve in memory")
+
+
+# ---- the plan
+
+
+def room_of(memory: int | None, client: Any) -> int:
+    """Bytes that a slab may take: what is given, or half of what is available here and of what a worker may use."""
+    if memory is not None:
+        return whole("memory", memory, least=1)
+    free = available()
+    workers = [one["memory_limit"] for one in client.scheduler_info()["workers"].values()] if client else []
+    return min([free[0] // 2 if free else LEAST_ROOM, *(limit // 2 for limit in workers if limit)])
+
+
+def planned(
+    problem: ReachAvoidProblem, method: Any, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
+) -> Plan:
+    """The axis along which slabs need least beside them, cut as thick as there is room for; or a `cut` made before.
+
+    Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
+    vector loops of the kernels otherwise than those of the whole grid.
+    """
+    some = copy.copy(problem)  # with the unsafe sets that fit into memory on the axes that they depend on
+    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
+    some.__dict__.update(unsafe=kept)
+    check_resolution(some, stacklevel=4)
+    shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
+    axis, width = cut or (0, shape[0])
+    plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, found)), axis, width)  # in one piece: without a halo
+    if width < shape[axis] or (not cut and task_bytes(plan) > room):
+        counted = time_steps(method, problem, tuple(range(problem.grid.ndim)))
+        axes: Any = [axis] if cut else range(max(1, problem.grid.ndim - 2))
+        halos = {axis: reach_halo(method.on(problem), axis, counted) for axis in axes}
+        axis = min(axes, key=lambda axis: halos[axis] / shape[axis])
+        width, halo = width if cut else shape[axis], halos[axis]
+        games = tuple(in_slabs(method, problem, danger, axis) for danger in found)
+        plan = Plan(problem, method.on, dtype, games, axis, width, halo, counted)
+    for slabs in range(2, 2 if cut else shape[axis] + 1):
+        if task_bytes(plan) <= room:
+            break
+        plan = replace(plan, width=-(-shape[axis] // slabs))
+    if plan.layout.slabs > 1:
+        problem._static.clear()  # what has been sampled of the whole grid is neither kept nor sent
+    require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
+    if not cut and needed > room:
+        raise MemoryError(
+            f"a slab of one node along axis {axis} takes {needed / 1e9:.3g} GB with the {plan.halo} beside it on "
+            f"either side, and {room / 1e9:.3g} GB are allowed; give more as memory=, or use fewer nodes"
+        )
+    return plan
+
+
+def task_bytes(plan: Plan) -> int:
+    """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
+    problem, dynamics, layout = plan.problem, plan.problem.dynamics, plan.layout
+    item, count = np.dtype(plan.dtype).itemsize, len(problem.inputs)
+    reaching = plan.make(problem)
+
+    def played(window: Grid) -> int:
+        """The games of one input on a window: what is sampled, stages with their ghost nodes, shifted copies."""
+        arrays = 12 if isinstance(reaching, HJIGames) else window.ndim + 4  # maxima over the first axes are kept
+        most = window.sampling_bytes + arrays * item * window.size
+        if not dynamics.stateless:
+            whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(range(window.ndim))
+            each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+            velocities = each * window.ndim * window.size
+            most += velocities + min(KEPT, count * velocities)
+            most += item * window.ndim * (3 + dynamics.adversaries) * window.size
+        return most
+
+    middle = (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
+    windows, tubes = [plan.window(middle)[0]], 0
+    if isinstance(reaching, HJIGames) and reaching.shifted:
+        windows[0] = windows[0].continued(reaching.around[1])
+    for kind, games in plan.avoid.items():
+        tubes += item * count * math.prod(end - begin for begin, end in layout.runs(kind, 0))
+        for game in games:
+            grid = game.danger.problem.grid
+            if game.axis is not None:
+                first, end = layout.span(middle)
+                grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
+    written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
+    return max(map(played, windows)) + 2 * tubes + written  # a tube of several games is there twice
+
+
+# ---- which problem it is
+
+
+def head_of(plan: Plan, method: Any) -> dict[str, Any]:
+    """The head of a store: its problem, its method and how it is cut."""
+    head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
+        "store": STORE_FORMAT,
+        "options": method.options,
+        "dtype": plan.dtype,
+        "cut": [plan.axis, plan.layout.width],
+        "avoid_axes": {kind.removeprefix("avoid_"): list(plan.layout.axes(kind)) for kind in plan.avoid},
+    }
+    return dict(json.loads(json.dumps(head)))
+
+
+def cut_of(store: Store, head: dict[str, Any], method: Any) -> tuple[int, int]:
+    """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
+    if (its := head["sdhj_version"]) != VERSION:
+        raise TableFileError(
+            f"{store.path} was begun by sdhj {its}, and this is {VERSION}, which may round otherwise; solve it anew"
+        )
+    options = json.loads(json.dumps(method.options))
+    if head["method"] != method.name or head["options"] != options:
+        its = f"method {head['method']!r} with {head['options']}"
+        raise TableFileError(f"{store.path} is being solved by {its}, and this is {method.name!r} with {options}")
+    return store.layout.axis, store.layout.width

@@ -1,0 +1,275 @@
+"""What a solve takes over from an earlier one: `sdhj.resolve`.
+
+The recursion is a function of the sets: the entry (k, n) follows from (k, n - 1), (k + 1, n - 1) and the avoid tubes
+of step k. Where these have, to the last bit, the values that they had in an earlier solve with the same grid, dynamics
+and method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
+in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
+
+A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift
+by c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving
+frame, whose PDE was kept, only as far as its solution does differ.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.formula import Formula
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+
+PLANE = 2  # axes of a plane
+Meaning = tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What a table keeps for the next solve, in this process only: bits of another machine may be others.
+
+    method : the object by which it was solved.
+    each : by what it is of, the avoid tubes of one unsafe set, (L, *subgrid) at each step, where there are several.
+    still : by step and within, solutions of the PDE in the moving frame.
+    """
+
+    method: Any
+    each: Mapping[Meaning, Sequence[FloatArray]] = field(default_factory=dict)
+    still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(None), ()
+
+    @property
+    def nbytes(self) -> int:
+        return sum(one.nbytes for one in chain(*self.each.values(), self.still.values()))
+
+
+def meaning(function: Any) -> Meaning:
+    """What a function computes, so that two with equal ones have equal values; a black box equals nothing."""
+    if function is None:
+        return ()
+    return function.meaning if isinstance(function, Formula) else (object(),)
+
+
+def meaning_of_set(part: Any) -> Meaning:
+    """The same of a set, wherever it is in its problem."""
+    return part.axes, getattr(part, "sampling", ""), meaning(part.level_set), meaning(getattr(part, "swept", None))
+
+
+def meaning_around(problem: ReachAvoidProblem) -> Meaning:
+    """What avoid tubes, and games of one interval, depend on besides the sets."""
+    dynamics, sensing = problem.dynamics, tuple(map(str, vars(problem.sensing).items()))
+    inputs = problem.inputs.shape, problem.inputs.tobytes()
+    return problem.grid, problem.delta, problem.view_time, sensing, inputs, tuple(map(meaning, dynamics.parts))
+
+
+def differing(now: FloatArray, then: FloatArray) -> FloatArray:
+    """In which planes some bit differs: (*shape[:-2]) bool."""
+    kind = np.dtype(f"u{now.dtype.itemsize}")
+    return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
+
+
+@lru_cache(maxsize=64)
+def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
+    """Which nodes of an axis are at most `by` apart: (nodes, nodes), 1 or 0."""
+    apart = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
+    return ((np.minimum(apart, nodes - apart) if periodic else apart) <= by).astype(np.float32)
+
+
+def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
+    """For each plane, whether one that is marked is up to `by` away along an axis."""
+    n, behind = planes.shape[axis], math.prod(planes.shape[axis + 1 :])
+    lines = planes.reshape(-1, n, behind).astype(np.float32)
+    return np.asarray(_neighbours(n, grid.periodic[axis], by) @ lines > 0).reshape(planes.shape)
+
+
+def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
+    """What some stages make of a mask of planes: those that read a marked one, along one axis in each stage.
+
+    By symmetry also what they read if they are marked.
+    """
+    for _ in range(stages if planes.any() else 0):
+        if planes.all():
+            break
+        planes = np.logical_or.reduce([planes, *(_beside(grid, planes, i, order) for i in range(planes.ndim))])
+    return planes
+
+
+def carried_on(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
+    """The planes that read a marked one in a maximum over boxes that lead so many cells along each axis."""
+    for axis in range(planes.ndim):
+        planes = _beside(grid, planes, axis, math.floor(cells[axis] + 1e-9) + 2 if cells[axis] else 0)
+    return planes
+
+
+@dataclass(eq=False)
+class Patch:
+    """What of one entry is to be solved anew.
+
+    grid : of the problem.
+    changed : planes in which the tube that the games start from differs from the former one.
+    besides : ... the tube with one step less to go, or an avoid tube.
+    former : the former tube and marks.
+    was_still : the former solution of the PDE in the moving frame, where it was kept.
+    rows : planes to be solved anew, as soon as the games know: then the rest is copied.
+    still : the solution of the PDE now.
+    """
+
+    grid: Grid
+    changed: FloatArray
+    besides: FloatArray
+    former: tuple[FloatArray, FloatArray]
+    was_still: FloatArray | None
+    rows: FloatArray = field(init=False)
+    still: FloatArray | None = field(default=None, init=False)
+
+    def solve_still(
+        self, solve: Callable[[Any], FloatArray], grid: Grid, past: Sequence[int], reads: tuple[int, int], cells: Any
+    ) -> FloatArray:
+        """The PDE's solution on a grid that goes `past` the ends, solve(planes); and `rows`, which it is carried to.
+
+        reads : the order and number of stages; cells : how many the disturbance may bring a state, and how many the
+            solution is shifted, at most along each axis.
+        """
+        lead = self.changed.ndim
+        around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
+        planes = spread(grid, around, *reads) | carried_on(grid, around, cells[0])
+        was = self.was_still
+        if was is None or planes.all():
+            still = solve(None)
+        else:
+            still = solve(planes) if planes.any() else was
+            if still is not was:
+                rest, shape = np.flatnonzero(~planes), (planes.size, -1)
+                still.reshape(shape)[rest] = was.reshape(shape)[rest]
+        self.still, moved = still, planes if was is None else differing(still, was)
+        inner = tuple(slice(n, n + m) for n, m in zip(past, self.changed.shape, strict=False))
+        self.rows = self.besides | carried_on(grid, moved, cells[1])[inner]
+        return still
+
+    def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
+        """Write what is as it was: a tube (*shape) and marks (bytes, size)."""
+        rest = np.flatnonzero(~self.rows)
+        for now, then in ((tube[None], self.former[0]), (marks, self.former[1])):
+            own, other = (one.reshape(len(now), self.rows.size, -1) for one in (now, then))
+            if len(rest) == self.rows.size:
+                own[...] = other
+            else:
+                own[:, rest] = other[:, rest]
+
+
+class Former:
+    """An earlier table, as a solve of a problem looks at it: nothing is taken from it that could differ.
+
+    Parameters
+    ----------
+    table : LookupTable
+        Of `solve` or `resolve`, in this process.
+    problem : ReachAvoidProblem
+        The one to be solved now.
+    method : Method
+    dangers : sequence of Danger
+        The avoid games of the table's problem.
+    """
+
+    def __init__(self, table: Any, problem: ReachAvoidProblem, method: Any, dangers: Sequence[Any]) -> None:
+        self.table, self.problem, was = table, problem, table.problem
+        self.kept: Kept = table.reusable
+        self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
+        # the set that is safe for ever has no rows, and without a target they are made otherwise
+        self.has_rows = self.alike and was.stays == problem.stays and not (was.stays and table.details.get("endless"))
+        self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
+        self.each: dict[Meaning, list[FloatArray]] = {}
+        self.still: dict[tuple[int, int], FloatArray] = {}
+        self._differing: dict[tuple[int, int, int], FloatArray] = {}
+        self._walls: dict[int, FloatArray] = {}
+
+    # ---- avoid tubes
+
+    @staticmethod
+    def key(danger: Any) -> Meaning:
+        """What the avoid tubes of one set depend on, in problems that are alike."""
+        return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.part)
+
+    def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
+        """The tubes of all static sets together, or of all moving ones, if none of them differs; else None."""
+        if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
+            return None
+        for key in map(self.key, now):
+            if key in self.kept.each:
+                self.each[key] = list(self.kept.each[key])
+        avoid = self.table.avoid
+        found: FloatArray = avoid.moving if moves else avoid.static[None]
+        return found[:often] if len(found) >= often else None
+
+    def tube(self, danger: Any, step: int) -> FloatArray | None:
+        """The tube of one set from a step on, if it was kept."""
+        found = self.kept.each.get(self.key(danger), ()) if self.alike else ()
+        return found[step] if step < len(found) else None
+
+    def keep(self, danger: Any, tube: FloatArray) -> None:
+        """Keep the tube of one set for the next solve, step by step."""
+        self.each.setdefault(self.key(danger), []).append(tube)
+
+    # ---- rows of the recursion
+
+    def patch(self, table: Any, step: int, within: int) -> Patch | None:
+        """What of an entry of the table that is being filled in differs; None where nothing was like it.
+
+        An entry that shares its tube was made when the first that shares it was.
+        """
+        was = self.table
+        if not self.has_rows or step + within > was.steps:
+            return None
+        made = within
+        while made > 1 and was.place(step, made - 1) == was.place(step, within):
+            made -= 1
+        former = was.value_array(step, made), was.mask_array(step, made)
+        besides = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step, former[0])
+        changed = self._differs(table, (step + 1, within - 1), made - 1)
+        return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
+
+    def done(self, patch: Patch, step: int, within: int) -> None:
+        """Keep what the games found of an entry, for the next solve."""
+        if patch.still is not None:
+            self.still[step, within] = patch.still
+
+    def _differs(self, table: Any, entry: tuple[int, int], made: int) -> FloatArray:
+        """The planes in which an entry differs from one of the same step."""
+        if (*entry, made) not in self._differing:
+            now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
+            self._differing[*entry, made] = differing(now, then)
+        return self._differing[*entry, made]
+
+    def _avoid_differs(self, table: Any, step: int, tube: FloatArray) -> FloatArray:
+        """The planes in which an avoid tube of a step differs, and that tells in a former tube.
+
+        The value of an input, max(reach, avoid), is nowhere below the tube that it is united to. So where the avoid
+        tube was and is below that, the reach set alone is the value, as it was. Without a target tubes are intersected,
+        and nothing follows.
+        """
+        now, then = table.avoid, self.table.avoid
+        if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
+            return np.ones(tube.shape[:-PLANE], bool)
+        if step not in self._walls:
+            static = self._walls.setdefault(-1, self._highest(now.static, then.static, now.static_axes))
+            moving = self._highest(now.moving[step], then.moving[step], now.moving_axes)
+            self._walls[step] = np.maximum(static, moving)
+        walls = self._walls[step]
+        tells = walls > -np.inf if self.problem.stays else (walls > -np.inf) & (walls >= tube)
+        lead = max(tube.ndim - PLANE, 0)
+        return np.asarray(np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim))))
+
+    def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
+        """The highest that differing functions of some axes, (L, *subgrid), are or were at each node; else -inf."""
+        if now.ctypes.data == then.ctypes.data:  # they were taken over
+            return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)
+        kind = np.dtype(f"u{now.dtype.itemsize}")
+        same = now.view(kind) == then.view(kind)
+        found = np.where(same, now.dtype.type(-np.inf), np.maximum(now, then)).max(axis=0)
+        return self.problem.grid.lift(found, axes)

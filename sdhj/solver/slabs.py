@@ -1,0 +1,216 @@
+"""Slabs of a grid, and what is done to one.
+
+How far one interval reaches, in nodes along the axis that is cut: a time step of the Runge-Kutta scheme has some
+stages, and each reads `order` nodes to either side, so what is d nodes away from where a window ends is right after
+floor(d / order) stages. After K time steps of S stages a node is right that is
+
+    h = order * S * K     nodes inside.
+
+A shift by c cells, or the Hopf-Lax maximum over a box of them, reads floor(c) + 2 more: the last of them for the
+limited second difference. K is that of the whole grid, from its fastest velocity: a slab with another time step
+would be right too, and other bits. A periodic axis is gone around; where a window would meet itself it is the grid.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.stages import REACH
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.solver.avoid import Danger
+from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames
+from sdhj.solver.schemes import STAGES
+from sdhj.table.store import Arrays, Runs, Shapes, Slab
+from sdhj.table.table import LookupTable
+
+
+class AvoidGame(NamedTuple):
+    """An avoid game in slabs."""
+
+    danger: Danger
+    axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
+    begin: int = 0  # where the problem's first node lies on it
+    halo: int = 0  # nodes beside a slab
+    counted: Mapping[Axes, Any] = {}  # as `HJIGames.counted`
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What whoever solves a slab needs to know; it is sent to other processes.
+
+    make : creates the games of one interval, as `sdhj.HJI.on` does.
+    """
+
+    problem: ReachAvoidProblem
+    make: Callable[..., Games]
+    dtype: str
+    games: tuple[AvoidGame, ...]
+    axis: int = 0  # that is cut
+    width: int = 0  # nodes of a slab; 0: all
+    halo: int = 0  # nodes beside it in the games of being in a set
+    counted: Mapping[Axes, Any] = field(default_factory=dict)  # as `HJIGames.counted`
+    former: Any = None  # an earlier solve in this process, of which what cannot differ is copied
+    kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
+
+    def __reduce__(self) -> Any:  # without what was kept
+        return Plan, tuple(getattr(self, one.name) for one in fields(self) if one.init)
+
+    @cached_property
+    def avoid(self) -> dict[str, list[AvoidGame]]:
+        """The avoid games by the array of their tubes: the same at all steps, or not."""
+        kinds = {"avoid_static": False, "avoid_moving": True}
+        return {name: [game for game in self.games if game.danger.moves == moves] for name, moves in kinds.items()}
+
+    @cached_property
+    def layout(self) -> Shapes:
+        """The arrays of the table."""
+        problem, shape = self.problem, self.problem.grid.shape
+        axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
+        ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
+        width, tubes = self.width or shape[self.axis], LookupTable.rooms(problem)
+        inputs, steps = len(problem.inputs), problem.most_steps
+        return Shapes(shape, inputs, tubes, steps, self.dtype, self.axis, width, ascending)
+
+    @cached_property
+    def whole(self) -> Any:
+        """The games of the only slab, which are not sampled each time."""
+        return self.make(self.problem.rimmed)
+
+    def window(self, number: int) -> tuple[Grid, slice]:
+        """A slab with its halo, and where in it the slab is."""
+        return around(self.problem.grid, self.axis, self.layout.span(number), self.halo)
+
+    def play(self, number: int) -> tuple[Grid, Any]:
+        """A slab with its halo, and the games on it."""
+        if self.layout.slabs == 1:
+            return self.problem.grid, self.whole
+        window, kept = self.window(number)
+        return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
+
+    def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
+        """The games of an avoid game on a slab, and where in their tubes the slab is."""
+        problem, inside = game.danger.problem, game.danger.inside
+        if problem is self.problem.rimmed and self.layout.slabs == 1:
+            return self.whole, inside
+        if game.axis is None:
+            return self.make(problem), inside
+        first, end = self.layout.span(number)
+        part, kept = around(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+        cut = game.danger.axes.index(self.axis)
+        games = self.make(problem.on(part), counted=game.counted, wanted={game.axis: kept})
+        return games, (*inside[:cut], slice(None), *inside[cut + 1 :])
+
+
+class Task(NamedTuple):
+    """A slab to be worked on."""
+
+    kind: str  # "goal", "extend", "avoid_static" or "avoid_moving"
+    step: int
+    place: int  # of the tube (step, within) among the stored ones, or of the avoid tubes
+    before: int = 0  # ... (step, within - 1)
+    after: int = 0  # ... (step + 1, within - 1)
+    slab: int = 0
+
+    @property
+    def array(self) -> str:
+        return "tubes" if self.kind in ("goal", "extend") else self.kind
+
+    @property
+    def written(self) -> Slab:
+        return Slab(self.array, self.place, self.slab)
+
+
+# ---- how wide a halo is
+
+
+def depth(scheme: Any) -> int:
+    """Nodes that a time step of a scheme reads to each side."""
+    return min(scheme.order, REACH) * len(STAGES[scheme.integrator])
+
+
+def crossed(cells: float) -> int:
+    """Nodes that a shift by up to so many cells reads to each side; none where nothing moves."""
+    return math.floor(cells + 1e-9) + 2 if cells else 0
+
+
+def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
+    """Time steps for each input, of games on some axes of the whole grid; nothing where each slab finds the same."""
+    if method.name != "hji" or problem.dynamics.stateless:
+        return {}
+    most = np.zeros(len(problem.inputs), np.int64)
+    for piece in problem.pieces():
+        games = method.on(piece)
+        grid, cfl = piece.grid.subgrid(axes), method.scheme.cfl
+        most = np.maximum(
+            most, [games.velocities(j, axes, 0).steps(grid, games.duration, cfl) for j in range(len(most))]
+        )
+    return {axes: most.tolist()}
+
+
+def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
+    """Nodes beside a slab that `games.reach` needs."""
+    problem = games.problem
+    if isinstance(games, HopfLaxGames):
+        return crossed(float(games.cells[axis]))
+    if games.moving_frame:
+        steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
+        drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
+        reached = max(depth(games.scheme) * steps, crossed(float(games.brought[axis]) / spacing))
+        return reached + crossed(float(drift) * games.duration / spacing)
+    return depth(games.scheme) * _most(games, games.axes, counted)
+
+
+def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
+    """Nodes beside a slab that `games.avoid` needs, on some axes."""
+    if isinstance(games, HopfLaxGames) or games.by_formula(axes):
+        speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
+        return crossed(float(speed) * games.duration / games.problem.grid.spacing[axis])
+    return depth(games.scheme) * _most(games, axes, counted)
+
+
+def _most(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
+    """Time steps of the input that needs most."""
+    return max(1, *counted[axes]) if axes in counted else games.steps(axes, 0)
+
+
+def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
+    """An avoid game of a problem in slabs of an axis of its grid."""
+    if axis not in danger.axes:
+        return AvoidGame(danger)
+    whole, place = danger.problem, danger.axes.index(axis)
+    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
+    counted = time_steps(method, whole, axes)
+    halo = avoid_halo(method.on(whole), axes, cut, counted)
+    return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)
+
+
+def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
+    """The window of a slab with its halo, and where in it the slab is."""
+    (begin, end), n = (span[0] - halo, span[1] + halo), grid.shape[axis]
+    if not grid.periodic[axis]:
+        begin, end = max(begin, 0), min(end, n)
+    if end - begin >= n:
+        begin, end = 0, n
+    return grid.stretch(axis, begin % n, end - begin), slice(span[0] - begin, span[1] - begin)
+
+
+def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
+    """Part of an array at the nodes of a window, around periodic ends too."""
+    whole = getattr(window, "whole", window).shape
+
+    def around_ends(runs: Runs) -> FloatArray:
+        for axis, (begin, end) in enumerate(runs):
+            if end > whole[axis]:
+                parts = ((begin, whole[axis]), (0, end - whole[axis]))
+                found = [around_ends([*runs[:axis], part, *runs[axis + 1 :]]) for part in parts]
+                return np.concatenate(found, axis=axis - len(runs))
+        return arrays.read(array, place, runs)
+
+    first = getattr(window, "first", (0,) * window.ndim)
+    return around_ends([(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)])
