@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, Sealed
 from sdhj.outofcore.slabs import KINDS, read_window
 from sdhj.outofcore.store import Runs, TableStore, blocks
 from sdhj.problem.grid import Grid
@@ -44,7 +44,7 @@ class StoredTable(Table):
             raise TableFileError(f"{store.path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
         self.problem, self.store, self.path = problem, store, store.path
         self.method: str = store.head["method"]
-        self.details: Mapping[str, Any] = store.head["details"]
+        self.details: Mapping[str, Any] = Sealed(store.head["details"])
         self.index = np.array(store.head["index"], dtype=np.int64)
         self.avoid_axes = {kind: tuple(axes) for kind, axes in store.head["avoid_axes"].items()}
 
