@@ -17,7 +17,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
-from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
@@ -61,6 +61,7 @@ class CertifiedTable(Table):
 
     def __post_init__(self) -> None:
         read_only((self.index, self.pool))
+        object.__setattr__(self, "details", Sealed(self.details))
 
     @property
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof

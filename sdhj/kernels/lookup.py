@@ -20,6 +20,7 @@ from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid,
 from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, length, part, play_in_room, slots_of, work_for
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
+CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
 TUBES, LOOK, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
@@ -59,7 +60,7 @@ class Room(NamedTuple):
     index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a block: the first
     node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
-    at values[rest[a]], behind all that is left later: values (2 size,).
+    at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
     """
 
     hull: Any
@@ -71,6 +72,7 @@ class Room(NamedTuple):
     rest: Any
     offsets: Any
     values: Any
+    centre: Any
 
 
 @kernel(**UNCOUNTED)
@@ -168,6 +170,22 @@ def _worst_values(values, state, ends, column, order, lattice, room, out):
 
 
 @kernel(**UNCOUNTED)
+def _depths(shelf, state, ends, column, order, lattice, room, out):
+    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
+
+    Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
+    has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
+    """
+    _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, out)
+    centre, index, weight = room.centre, room.index[1], room.weight[1]
+    for j in range(out.size):
+        for axis in range(state.size):
+            centre[axis] = state[axis] + 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
+        count = corners(centre, room.axes, lattice, TINY, index, weight)
+        out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(shelf.tubes, shelf.game, index, weight, count)
+
+
+@kernel(**UNCOUNTED)
 def _hazard(shelf, step, j, room, still, moving):
     """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
     value = weighted(shelf.static, j, room.index[0], room.weight[0], still)
@@ -224,7 +242,7 @@ def _by_tubes(m, column, states, when, shelf, ends, space, out):
     tube = shelf.tubes[shelf.index[following + n - 1]]
     _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
     if shelf.game >= 0:
-        _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, depths[m])
+        _depths(shelf, state, ends, column, order, lattice, room, depths[m])
     best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m], depths[m])
 
 
@@ -460,7 +478,8 @@ def _room(columns, ndim, inputs, size):
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
-    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], np.empty(size, np.int64), np.empty(2 * size))
+    block = np.empty(size, np.int64), np.empty(2 * size)
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim))
 
 
 @kernel(nogil=True)
@@ -522,7 +541,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-            room = Room(*room[:7], *block)  # type: ignore[call-arg]
+            room = Room(*room[:7], *block, room.centre)  # type: ignore[call-arg]
         if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True

@@ -216,15 +216,17 @@ class VectorField:
     drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
     gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
-    derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # made of these, by what they are
+    _derived: dict[Any, Formula] = field(
+        default_factory=dict, init=False, repr=False
+    )  # made of these, by what they are
 
     def made(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
         """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
-        if key not in self.derived:
-            self.derived[key] = Formula.traced(key[0], function, coordinates, parameters)
-        return self.derived[key]
+        if key not in self._derived:
+            self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
+        return self._derived[key]
 
     @property
     def parts(self) -> list[Any]:
@@ -330,7 +332,7 @@ class VectorField:
         """The same without a disturbance."""
         return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
-    @cached_property
+    @kept
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
@@ -339,7 +341,7 @@ class VectorField:
 
     def component(self, name: str, j: int, place: int) -> Formula:
         """One number of the drift, the gain or the "extremes" under an input."""
-        known, key = self.derived, (name, j, place)
+        known, key = self._derived, (name, j, place)
         if key not in known:
             found = (self.extremes_of if name == "extremes" else self.each[name])[j]
             known[key] = replace(found, outputs=(found.outputs[place],), shape=())

@@ -19,7 +19,7 @@ import numpy as np
 from sdhj.formulas.formula import BlackBox, Formula, compare
 from sdhj.formulas.graph import MOST_TABLES, Lookup
 from sdhj.formulas.text import FORMAT, written
-from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.checks import number, option, points_array, whole
 from sdhj.problem.dynamics import Dynamics, VectorField
@@ -157,6 +157,7 @@ class ReachAvoidProblem:
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
         try:
             json.dumps(dict(self.recipe), allow_nan=False)
+            object.__setattr__(self, "recipe", Sealed(self.recipe))
         except (TypeError, ValueError) as error:
             raise ValueError(f"recipe must be a mapping that can be written as JSON, or left out: {error}") from None
         if self.target is None:

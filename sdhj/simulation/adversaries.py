@@ -178,13 +178,15 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) ->
 
 
 def greedy(moment: Moment) -> FloatArray:
-    """v is the vertex of its box that, held until the interval's end, comes nearest to what must not be touched.
+    """v is what, held until the interval's end, comes nearest to what must not be touched: a vertex of its box, or 0.
 
-    It decides five times in an interval, by following each vertex; of equals it takes the first.
+    It decides five times in an interval, by following each; of equals it takes the first. With 0 it holds a state on a
+    ridge of the game's value, as straight ahead of a car.
     """
     if moment.substep % (SUBSTEPS // TURNS):
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
-    signs, count = at_vertices(np.zeros(moment.bounds.shape[1]), np.eye(moment.bounds.shape[1])), len(moment.states)
+    none, count = np.zeros(moment.bounds.shape[1]), len(moment.states)
+    signs = np.concatenate([at_vertices(none, np.eye(len(none))), none[None]])
     held, ahead = np.tile(moment.inputs, len(signs)), np.tile(moment.states, (len(signs), 1))
     v, least = np.concatenate([sign * moment.bounds for sign in signs]), np.full(len(held), np.inf)
     h = moment.remaining / STRIDES

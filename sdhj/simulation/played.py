@@ -56,9 +56,17 @@ class Commanded(Controller):
     """A controller that answers with what the filter makes of a reckless commander."""
 
     def choose(self, batch: Batch) -> FloatArray:
-        return np.asarray(
-            self.filter(batch.states, batch.step, reckless(self.problem, batch.states, batch.step)).inputs
-        )
+        return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
+
+    def wanted(self, batch: Batch) -> FloatArray:
+        return reckless(self.problem, batch.states, batch.step)
+
+
+class Fleeing(Commanded):
+    """Behind the filter, who keeps farthest from the boundary, and may so be driven to where the set closes."""
+
+    def wanted(self, batch: Batch) -> FloatArray:
+        return batch.margins.argmin(axis=1)
 
 
 def played(
@@ -154,17 +162,22 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
 def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]:
     """As `judged_at_the_end`, for ever: a greedy adversary against the controller, and against the filter.
 
-    Behind the filter stands a commander who drives at what must not be touched.
+    Behind the filter stands a commander who drives at what must not be touched, and one who flees.
     """
     few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
     alone = _played(Controller(table), runs, "greedy", 0, EVER)
-    behind = _played(Commanded(table), few, "greedy", 1, EVER)
-    where = "of what this table promises for ever", "behind its filter, from a commander who drives at what is unsafe,"
-    for found, told in zip((alone, behind), where, strict=True):
+    behind, fled = (_played(kind(table), few, "greedy", 1, EVER) for kind in (Commanded, Fleeing))
+    where = (
+        "of what this table promises for ever",
+        "behind its filter, from a commander who drives at what is unsafe,",
+        "behind its filter, from a commander who keeps far from the boundary,",
+    )
+    for found, told in zip((alone, behind, fled), where, strict=True):
         if found.interval[0] > ALARMING:
             warnings.warn(f"{told} {found}", ResolutionWarning, stacklevel=stacklevel + 1)
-    ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in behind.ways.items()}
-    return {"played": {"runs": alone.runs + behind.runs, "lost": alone.lost + behind.lost, "ways": ways}}
+    filtered = Counter(behind.ways) + Counter(fled.ways)
+    ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in filtered.items()}
+    return {"played": {"runs": alone.runs + 2 * few, "lost": alone.lost + behind.lost + fled.lost, "ways": ways}}
 
 
 def _emptied(table: Table, share: float) -> str:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.kernels import FloatArray, read_only
+from sdhj.kernels import FloatArray, Sealed, read_only
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
 from sdhj.problem.memory import require
@@ -126,6 +126,7 @@ class Report:
 
     def __post_init__(self) -> None:
         read_only((self.starts, self.outcomes, self.steps))
+        object.__setattr__(self, "counts", Sealed(self.counts))
 
     def rate(self, outcome: str) -> float:
         """The share of the runs that had this outcome."""

@@ -25,7 +25,7 @@ import math
 import reprlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -218,8 +218,7 @@ class ProjectedSets(GridSets):
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         table = super().finish(details)
-        table.details["projection"] = self._diagnosis(table)  # type: ignore[index]
-        return table
+        return replace(table, details={**table.details, "projection": self._diagnosis(table)})
 
     def _diagnosis(self, table: LookupTable) -> dict[str, Any]:
         """How much the projections cost, for the table's details; warns where they leave little or nothing.

@@ -23,6 +23,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
+KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
 
 
 class NotAdmissible(ValueError):
@@ -85,7 +86,7 @@ class Candidates:
 
     @property
     def depths(self) -> FloatArray:
-        """(P,), the margins or, for ever, the largest value of the game (`Batch.game`)."""
+        """(P,), the margins or, for ever, the depths by the game's value (`Batch.game`)."""
         return self.batch.depths[self.batch.safe]
 
     @property
@@ -204,7 +205,8 @@ class Controller:
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
         negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
         ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
-        keeps a reserve of `RESERVE` cells; if none does, "deepest" decides.
+        keeps a reserve of `RESERVE` cells and the share `KEPT` of the depth that the deepest safe input has; if none
+        does, "deepest" decides.
 
     Raises
     ------
@@ -496,7 +498,8 @@ class Controller:
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
-        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells, else it is that of rule "deepest".
+        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that the deepest
+        safe input has by the game's value (`Batch.game`), the share `KEPT`; else it is that of rule "deepest".
 
         Parameters
         ----------
@@ -584,8 +587,15 @@ class Controller:
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
-        """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen."""
-        return np.where(batch.margins <= -RESERVE, scores, otherwise) if self.table.game >= 0 else scores
+        """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen.
+
+        The reserve is a distance, and lasts until its very last step; what is left of the depth says how much room
+        there still is to turn aside. An input keeps it if value <= KEPT * (the least value of the safe inputs).
+        """
+        if batch.game is None:
+            return scores
+        deepest = np.min(batch.game, axis=1, initial=np.inf, where=batch.safe, keepdims=True)
+        return np.where((batch.margins <= -RESERVE) & (batch.game <= KEPT * deepest), scores, otherwise)
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from sdhj.formulas.formula import BlackBox
-from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
 from sdhj.kernels.tape import RESULTS
 from sdhj.problem.checks import axis_numbers, sealed
@@ -126,6 +126,9 @@ class LookupTable(Table):
     avoid: AvoidTubes
     details: Mapping[str, Any]
     reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "details", Sealed(self.details))
 
     # ---- filling it in
 
