@@ -4,7 +4,6 @@ Within one interval nothing travels farther than the differences of all its time
 as many nodes beside it, its *halo*, is solved alone (`sdhj.solver.slabs`), here or by the workers of a Dask cluster.
 """
 
-import copy
 import importlib
 import json
 import math
@@ -148,10 +147,7 @@ def planned(
     Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
     vector loops of the kernels otherwise than those of the whole grid.
     """
-    some = copy.copy(problem)  # with the unsafe sets that fit into memory on the axes that they depend on
-    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
-    some.__dict__.update(unsafe=kept)
-    check_resolution(some, stacklevel=4)
+    check_resolution(problem, stacklevel=4, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
     axis, width = cut or (0, shape[0])
     plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, found)), axis, width)  # in one piece: without a halo

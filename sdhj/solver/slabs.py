@@ -20,12 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.stages import REACH
+from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames
-from sdhj.solver.schemes import STAGES
 from sdhj.table.store import Arrays, Runs, Shapes, Slab
 from sdhj.table.table import LookupTable
 
@@ -131,12 +130,7 @@ class Task(NamedTuple):
 
 def depth(scheme: Any) -> int:
     """Nodes that a time step of a scheme reads to each side."""
-    return min(scheme.order, REACH) * len(STAGES[scheme.integrator])
-
-
-def crossed(cells: float) -> int:
-    """Nodes that a shift by up to so many cells reads to each side; none where nothing moves."""
-    return math.floor(cells + 1e-9) + 2 if cells else 0
+    return math.prod(scheme.reads)
 
 
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
@@ -157,12 +151,12 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     """Nodes beside a slab that `games.reach` needs."""
     problem = games.problem
     if isinstance(games, HopfLaxGames):
-        return crossed(float(games.cells[axis]))
+        return nodes_read(float(games.cells[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(depth(games.scheme) * steps, crossed(float(games.brought[axis]) / spacing))
-        return reached + crossed(float(drift) * games.duration / spacing)
+        reached = max(depth(games.scheme) * steps, nodes_read(float(games.brought[axis]) / spacing))
+        return reached + nodes_read(float(drift) * games.duration / spacing)
     return depth(games.scheme) * _most(games, games.axes, counted)
 
 
@@ -170,7 +164,7 @@ def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -
     """Nodes beside a slab that `games.avoid` needs, on some axes."""
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
-        return crossed(float(speed) * games.duration / games.problem.grid.spacing[axis])
+        return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis])
     return depth(games.scheme) * _most(games, axes, counted)
 
 
