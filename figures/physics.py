@@ -10,10 +10,10 @@ Needs the extra `physics`: pip install 'sdhj[physics]'.
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from xml.sax.saxutils import quoteattr
 
 import click
@@ -58,8 +58,16 @@ PASSES = 'contype="0" conaffinity="0"'
 # ---- the model
 
 
-def mjcf(problem: ReachAvoidProblem) -> str:
-    """The case study as a MuJoCo model, MJCF text.
+def mjcf(problem: ReachAvoidProblem, *, joint: str = "", link: str = "", more: str = "") -> str:
+    """The case study as a MuJoCo model, MJCF text; by default of bodies that are placed, not pushed.
+
+    Parameters
+    ----------
+    problem : ReachAvoidProblem
+    joint, link : str
+        Further attributes of the arm's two hinges and of its two links.
+    more : str
+        Further elements of the model.
 
     Raises
     ------
@@ -86,11 +94,12 @@ def mjcf(problem: ReachAvoidProblem) -> str:
     <geom name="floor" type="plane" pos="0 0 -0.06" size="1 1 0.1" rgba="0.70 0.72 0.75 1" {PASSES}/>
     <geom name="base" type="cylinder" size="0.018 0.03" pos="0 0 -0.03" rgba="0.2 0.2 0.22 1" {PASSES}/>
     <body>
-      <joint name="q1" type="hinge" axis="0 0 1"/>
-      {_capsule("link1", "arm", given["half_width"], (0, 0, 0), (l1, 0, 0))}
+      <joint name="q1" type="hinge" axis="0 0 1" {joint}/>
+      {_capsule("link1", "arm", given["half_width"], (0, 0, 0), (l1, 0, 0), link)}
       <body pos="{_numbers((l1, 0, 0))}">
-        <joint name="q2" type="hinge" axis="0 0 1"/>
-        {_capsule("link2", "arm", given["half_width"], (0, 0, 0), (reach, 0, 0))}
+        <joint name="q2" type="hinge" axis="0 0 1" {joint}/>
+        {_capsule("link2", "arm", given["half_width"], (0, 0, 0), (reach, 0, 0), link)}
+        <site name="tip" pos="{_numbers((reach, 0, 0))}" size="0.001" rgba="0 0 0 0"/>
       </body>
     </body>
     <body>
@@ -100,6 +109,7 @@ def mjcf(problem: ReachAvoidProblem) -> str:
     </body>
     {" ".join(disks)}
   </worldbody>
+  {more}
 </mujoco>"""
 
 
@@ -118,12 +128,12 @@ def _numbers(values: Sequence[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _capsule(name: str, kind: str, radius: float, start: Sequence[float], end: Sequence[float]) -> str:
+def _capsule(name: str, kind: str, radius: float, start: Sequence[float], end: Sequence[float], more: str = "") -> str:
     if radius <= 0.0:
         raise ValueError(f"MuJoCo needs a positive radius or half-width, {name} has {radius}")
     return (
         f'<geom name="{name}" type="capsule" size="{radius!r}" fromto="{_numbers([*start, *end])}" '
-        f'rgba="{COLOURS[kind]}" {COLLIDES.get(kind, PASSES)}/>'
+        f'rgba="{COLOURS[kind]}" {COLLIDES.get(kind, PASSES)} {more}/>'
     )
 
 
@@ -157,33 +167,35 @@ class World:
     ----------
     problem : ReachAvoidProblem
         Built by a case study.
+    **more : str
+        What `mjcf` takes besides.
     """
 
-    def __init__(self, problem: ReachAvoidProblem) -> None:
+    def __init__(self, problem: ReachAvoidProblem, **more: str) -> None:
         self.problem, self.given = problem, _arguments(problem)
-        self.model = mujoco.MjModel.from_xml_string(mjcf(problem))
+        self.model = mujoco.MjModel.from_xml_string(mjcf(problem, **more))
         self.data = mujoco.MjData(self.model)
         self._relative = self.given["kinematics"] == "relative"
-        self._box = self.given[f"{_agent(self.given)}_box"]
+        self.box = self.given[f"{_agent(self.given)}_box"]
         joints = range(4, self.model.njnt)  # after the arm's two and the agent's two
         names = [mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_JOINT, joint) for joint in joints]
         disks = {f"obstacle{i}": disk for i, disk in enumerate(self.given["obstacles"])}
         known = [_known((disks | {"target": self.given.get("target")})[name]) for name in names]
-        self._begin, self._rates = np.array(known).reshape(-1, 2).T
+        self.begin, self.rates = np.array(known).reshape(-1, 2).T
         kinds = [geom for geom in range(self.model.ngeom) if self.model.geom_contype[geom] == 2]
         links = [self.model.geom("link1").id, self.model.geom("link2").id]
         self._pairs = [(link, geom) for link in links for geom in kinds]
 
     def place(self, state: FloatArray, t: float) -> None:
         """Put the arm and the agent as in a state (4,), and everything known where it is at time t."""
-        self.data.qpos[:] = [*self._joints(state), *(self._begin + t * self._rates)]
+        self.data.qpos[:] = [*self._joints(state), *(self.begin + t * self.rates)]
         mujoco.mj_fwdPosition(self.model, self.data)
 
     def move(self, velocity: FloatArray, duration: float) -> None:
         """Let time pass while the arm's angles and the agent change with a velocity (4,)."""
-        self.data.qvel[:] = [*self._joints(velocity), *self._rates]
+        self.data.qvel[:] = [*self._joints(velocity), *self.rates]
         mujoco.mj_integratePos(self.model, self.data.qpos, self.data.qvel, duration)
-        self.data.qpos[2:4] = np.clip(self.data.qpos[2:4], -self._box, self._box)
+        self.data.qpos[2:4] = np.clip(self.data.qpos[2:4], -self.box, self.box)
         mujoco.mj_fwdPosition(self.model, self.data)
 
     def _joints(self, values: FloatArray) -> FloatArray:
@@ -368,7 +380,17 @@ def check_runs(
 # ---- pictures
 
 
-def frames(world: World, run: Trajectory, count: int = 6, size: int = 480) -> list[tuple[float, FloatArray]]:
+class Run(Protocol):
+    """What a picture is drawn from: the states (T, 4) at T instants (s)."""
+
+    @property
+    def times(self) -> FloatArray: ...
+
+    @property
+    def states(self) -> FloatArray: ...
+
+
+def frames(world: World, run: Run, count: int = 6, size: int = 480) -> list[tuple[float, FloatArray]]:
     """Pictures of a run, evenly spaced in time: times (s) and images (size, size, 3) uint8, drawn by MuJoCo.
 
     Raises
@@ -394,10 +416,17 @@ def frames(world: World, run: Trajectory, count: int = 6, size: int = 480) -> li
 def write_strip(report: PhysicsReport, path: str | os.PathLike[str], count: int = 6) -> None:
     """Draw the longest run of a report, of several the one whose joints turn most, into a png file."""
 
-    def way(run: Trajectory) -> tuple[int, float]:
-        return len(run.inputs), float(np.abs(np.diff(run.states[:, :2], axis=0)).sum())
+    write_frames(World(report.problem), longest(report.trajectories), path, count)
 
-    pictures = frames(World(report.problem), max(report.trajectories, key=way), count)
+
+def longest(runs: Iterable[Run]) -> Run:
+    """Of several that take as long, the one whose joints turn most."""
+    return max(runs, key=lambda run: (len(run.times), float(np.abs(np.diff(run.states[:, :2], axis=0)).sum())))
+
+
+def write_frames(world: World, run: Run, path: str | os.PathLike[str], count: int = 6) -> None:
+    """Draw a run as a film strip, a png file."""
+    pictures = frames(world, run, count)
     with plotting.style(), replaced_whole(path) as temporary:
         figure = plotting.new_figure(1.6 * count, 1.85)
         panels = figure.subplots(1, count, squeeze=False)[0]

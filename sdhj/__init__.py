@@ -47,6 +47,7 @@ from sdhj.formulas.gridded import gridded
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.records import bounds_from_records
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.simulation.runs import monte_carlo, simulate
@@ -78,6 +79,7 @@ __all__ = [
     "UnsafeSet",
     "__version__",
     "arm_case_study",
+    "bounds_from_records",
     "complement",
     "estimate",
     "evader_case_study",

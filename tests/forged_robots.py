@@ -45,8 +45,15 @@ def crossed(*, speed=1.0, begin=2.9, **given):
     return line(unsafe=[post], **given)
 
 
-def sensed(*, error=0.1, delay=0.1, jitter=0.05, push=0.0, begin=2.0, **given):
-    return crossed(sensing=sdhj.Sensing(error, delay, jitter), push=push, begin=begin, **given)
+def sensed(*, error=0.1, delay=0.1, jitter=0.05, push=0.0, begin=2.0, memory=False, **given):
+    return crossed(sensing=sdhj.Sensing(error, delay, jitter, memory=memory), push=push, begin=begin, **given)
+
+
+def calming():
+    """dx = u - 3 x + v: an interval leads all that a measurement may stand for to less than twice its error."""
+    levels = [[-1.0], [0.0], [1.0]]
+    dynamics = sdhj.Dynamics(levels, lambda q, u: u - 3.0 * q, [[1.0]], [0.05])
+    return replace(line(), dynamics=dynamics, sensing=sdhj.Sensing(0.1, memory=True))
 
 
 def ring(*, low=-3.0, high=3.0, push=0.2):
@@ -269,6 +276,8 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "crossed": (crossed, (80,), 2),
     "sensed": (sensed, (160,), 2),
     "held": (lambda: sensed(push=0.1), (160,), 2),
+    "remembered": (lambda: sensed(memory=True), (160,), 2),
+    "calming": (calming, (160,), 2),
     "nearer": (nearer, (80,), 1),
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
@@ -541,6 +550,13 @@ FORGERIES: dict[str, Forgery] = {
         "sensed", MOVES, both(nothing_in_sets, shifts("low", -2, j=2), shifts("high", -2, j=2), shifts("high", 2, j=0))
     ),
     "no early end": Forgery("sensed", MOVES, both(nothing_in_sets, shifts("low", 3, j=2))),
+    "errors that are forgotten": Forgery("remembered", MOVES, becomes=sensed),
+    "images shrunk by too much": Forgery(
+        "remembered", MOVES, both(nothing_in_sets, shifts("low", 1, j=2), shifts("high", -1, j=2))
+    ),
+    "a middle that is elsewhere": Forgery(
+        "calming", MOVES, both(shifts("low", 1, place=20), shifts("high", 1, place=20))
+    ),
     "a speed that grows": Forgery("cart", MOVES, shifts("high", -1, j=2, place=11)),
     "states near a cell": Forgery("sliding", MOVES, edit("high", lambda moves: moves[0, 0, 0, :1].fill(1))),
     "a little later": Forgery("surge", MOVES, narrower(-2, 2)),
@@ -770,6 +786,9 @@ FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (c
 FORGERIES |= {  # a robot that is soon looked through
     "head: periods": Forgery(
         "line", "periodic must be true or false", head(lambda told: told["grid"].update(periodic=["no"]))
+    ),
+    "head: memory": Forgery(
+        "line", "memory must be true or false", head(lambda told: told.update(sensing={"error": 0.1, "memory": 2}))
     ),
     "head: jitter": Forgery(
         "line", "jitter must be a number from 0 to 0.25", head(lambda told: told.update(sensing={"jitter": 0.3}))

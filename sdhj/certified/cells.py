@@ -242,8 +242,10 @@ def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on input and disturbance only, and how far it moves is known."""
     dynamics = problem.dynamics
-    alone = bool(dynamics.formulas) and not (dynamics.reads[axis].any() or dynamics.timed or problem.sensing)
-    return dynamics.constant or alone
+    known = not problem.sensing or problem.sensing.memory  # what a prediction may be off by does not add up
+    return dynamics.constant or (
+        bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.timed)
+    )
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
@@ -271,9 +273,10 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
     """How far one interval moves a prediction on one axis under input j, exactly, for constant dynamics.
 
-    From the prediction at its begin to any at its end, whenever it ends.
+    From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on.
     """
-    (slow, fast), off = velocity_bounds(problem, axis, j), 2 * unknown(problem, axis)
+    (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.memory
+    off = 0 if memory else 2 * unknown(problem, axis)
     late = 2 * measured(problem.sensing.jitter)
     spans = measured(problem.delta) - late, measured(problem.delta) + late
     return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off

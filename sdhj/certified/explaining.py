@@ -37,10 +37,18 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
         return Explanation(False, "The state is off the grid.")
     if says := refuted(table, state, step, within):
         return Explanation(False, says)
+    seen, says = state, f"Not proved at these cells {entry}:"
+    if problem.sensing and not table.outside(state, step, within)[0]:  # but not of all that may be measured of it
+        around = table.around(state)[0]
+        seen = around[table.outside(around, step, within)][:1]
+        shown = np.array2string(seen[0], precision=4, separator=", ")
+        says = f"Not proved at these cells {entry}, as the state may be measured, or predicted, at {shown}:"
+    cells = found[: cells_at(seen[0], table.cells, table.proof.shell, found)]
     if within == 0:
         what = "clear of the unsafe sets" if problem.stays else "in the target and clear of the unsafe sets"
-        return Explanation(False, f"Not proved at these cells {entry}: not all of the state's cell is {what}.")
-    return _Cell(table, state[0], found[0], step, within).explained(f"Not proved at these cells {entry}:")
+        return Explanation(False, f"{says[:-1]}: not all of its cell is {what}.")
+    held = np.array([table.holds(cell, step, within) for cell in cells])
+    return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says)
 
 
 def scanty(table: Any) -> str:
@@ -79,7 +87,7 @@ def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            coarse = replace(problem, grid=few, recipe={})
+            coarse = replace(problem, grid=few, recipe={}, sensing=replace(problem.sensing, memory=False))
             sets = HJI().sets(coarse, False)
             recursion(sets, coarse.most_steps, lambda: None)
             table = sets.finish({})
@@ -116,6 +124,8 @@ class _Cell:
         """Of the cell's image, as the proof has it, the cells that are not certified."""
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         counts, lost = self.table.cells.counts, cells[missing]
+        if not len(lost):
+            return Failure(j, "", 0.0, "all cells that it may lead to are certified")
         begin, end = lost.min(axis=0) % counts, lost.max(axis=0) % counts + 1
         edges = [axis.edges()[[a, b]] for axis, a, b in zip(self.table.axes, begin, end, strict=True)]
         ends = zip(self.problem.grid.names, edges, strict=True)
@@ -193,4 +203,8 @@ class _Cell:
             return min((float(deep.min()) for name, deep in found if name == failure.by), default=0.0)
         _, last = self.proof.swept(box[:, None], failure.input, float(self.cuts[0]), FINEST)
         first, end = (box + last[0].T - known.lower) / known.width
-        return -float(self.covering(np.floor(first).astype(np.int64), np.ceil(end).astype(np.int64) - 1)[1].sum())
+        return -float(
+            self.covering(
+                np.floor(first).astype(np.int64), np.maximum(np.ceil(end) - 1, np.floor(first)).astype(np.int64)
+            )[1].sum()
+        )

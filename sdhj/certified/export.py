@@ -29,6 +29,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
+from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import threads
 from sdhj.table.controller import RULES, predicted, squared_distances
 from sdhj.table.files import replaced_whole, writable_file
@@ -94,8 +95,7 @@ def export_c(
         )
     only = (only,) if isinstance(only, str) else tuple(only)
     problem, fields = table.problem, tuple(one for one in FIELDS if one in only)
-    if problem.sensing.delay:
-        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
+    _check_sensing(problem.sensing)
     rule = rule or ("small" if fields == ("select",) else "deepest")
     option("rule", rule, (*RULES, "small"))
     for one in only:
@@ -119,6 +119,16 @@ def export_c(
         with replaced_whole(folder / name) as temporary:
             temporary.write_bytes(text)
     return Exported(folder, table)
+
+
+def _check_sensing(sensing: Sensing) -> None:
+    """Raise ValueError where the answers of a table need more than its words."""
+    if sensing.delay:
+        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
+    if sensing.memory:
+        raise ValueError(
+            "a table for a controller that remembers is not exported, as the file has no images: use memory=False"
+        )
 
 
 # ---- the words

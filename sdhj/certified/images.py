@@ -41,8 +41,7 @@ from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, 
 from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.table.batches import threads
-from sdhj.table.controller import STRIDES
+from sdhj.table.batches import STRIDES, threads
 
 PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
 PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
@@ -177,7 +176,8 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for place, axis in enumerate(axes):
         own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
-        own[place] |= not is_steady(problem, place) and "wall" in problem.grid.ends[place] and not axis.periodic
+        steady = is_steady(problem, place) and (problem.dynamics.constant or not problem.sensing)
+        own[place] |= not steady and "wall" in problem.grid.ends[place] and not axis.periodic
     return own
 
 
@@ -344,7 +344,14 @@ class Images(Proof):
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
-        return tubes, np.moveaxis(self._held(start, last + SIDES * self.unsure), 0, 2)
+        last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.unsure
+        return tubes, np.moveaxis(self._held(start, last), 0, 2)
+
+    def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
+        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing."""
+        last = last - SIDES * self.unsure
+        low, high = start + last
+        return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)
 
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]

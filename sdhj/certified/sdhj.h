@@ -282,7 +282,8 @@ static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t siz
 
 /* ---- where a state is */
 
-/* The place of one cell, its number on each axis: of encoder counts, for example. */
+/* The place of one cell, its number on each axis: of encoder counts, for example. On an axis with a layer at its lower
+ * end (layers & 1) cell 0 is the wall itself, and those of some width begin with 1. */
 static inline sdhj_status sdhj_cell(const sdhj_table *t, const uint32_t *cell, sdhj_place *place) {
   uint32_t axis;
   for (axis = 0; axis < t->axes; axis++) {

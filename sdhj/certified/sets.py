@@ -41,8 +41,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
     [test_goal_cells_are_inside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
     is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
-    the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`.
-    [test_no_prediction_is_farther_off_than_proved]
+    the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`. With memory a cell holds
+    the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
+    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.carried_on`).
+    [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
     [test_sets_and_inputs_are_all_that_follows]
@@ -81,6 +83,8 @@ checker judges what is then proved, and tests/certified/check/test_forged_robots
     9    all of a goal, at its time, outside G              "a goal more", "a goal of another time", "a goal in a post"
     10   predictions: error, delay, each input and time     "predictions that begin where the state is"
     10   moves, tubes and goals of predictions              "one measurement that errs", "a goal beside an error"
+    10   points that are carried on, with memory alone      "errors that are forgotten", "images shrunk by too much",
+                                                            "a middle that is elsewhere"
     10   a clock that is off                                "no early end", "a post beside an uncertain clock"
 
 What the file states of bounds is believed by nobody: black boxes come from the problem beside it, and are tried at

@@ -115,12 +115,23 @@ class CertifiedTable(Table):
         place = self.place(start, within)
         out = self._fewest(points, place, place, self.proof.rim) == 0  # the shell is a run's reserve
         if self.problem.sensing:
-            around = self._around(np.atleast_2d(points)[out])
-            kept = self._fewest(around.reshape(-1, len(self.axes)), place, place, self.proof.rim) == 0
+            around = self.around(np.atleast_2d(points)[out])
+            kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
 
-    def _around(self, states: FloatArray) -> FloatArray:
+    def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
+        """Whether predictions (M, ndim) are in no certified cell, (M,)."""
+        place = self.place(start, within)
+        return self._fewest(points, place, place, self.proof.rim) > 0
+
+    def holds(self, cell: FloatArray, start: int, within: int) -> bool:
+        """Whether a cell (ndim,) is certified."""
+        place, out = self.place(start, within), np.empty(1, np.int64)
+        fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
+        return bool(out[0] == 0)
+
+    def around(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
@@ -208,6 +219,35 @@ class CertifiedTable(Table):
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
+
+    def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The ends of the cells that points (M, ndim) are proved to lead to under inputs (M,): both (M, ndim).
+
+        Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
+        """
+        points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
+        rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
+        some = cells_near(points, self.cells, self.proof.shell, rows, cells)
+        rows, cells = rows[:some], cells[:some]
+        fewest, each = self.fewest(cells, step), np.arange(some)
+        held = fewest <= left
+        aheads = [np.full(some, left)] if self.problem.stays else [np.maximum(fewest, 1), np.full(some, left)]
+        good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
+        order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
+        firsts = order[np.unique(rows[order], return_index=True)[1]]
+        low, high = np.full((2, count, ndim), np.nan)  # off the grid
+        for row, cell in zip(rows[firsts].tolist(), cells[firsts], strict=True):
+            a, b = self.proof.image(cell, int(inputs[row]), step)
+            begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in (a, b))
+            low[row], high[row] = self._edge(begin), self._edge(end + 1)
+        return low, high, self.proof.unsure
+
+    def _edge(self, numbers: FloatArray) -> FloatArray:
+        """Where edges of such numbers (ndim,) are, those of periodic axes counted on over the seam: (ndim,)."""
+        counts, edges = self.cells.counts, [axis.edges() for axis in self.axes]
+        laps = np.where(self.cells.periodic, numbers // counts, 0)
+        at = np.where(self.cells.periodic, numbers % counts, numbers)
+        return np.array([edge[place] for edge, place in zip(edges, at, strict=True)]) + laps * self.cells.length
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""
@@ -484,7 +524,11 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells."""
+    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
+
+    Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
+    """
+    problem = replace(problem, sensing=replace(problem.sensing, memory=False))
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})

@@ -9,6 +9,7 @@
 for any robot        `draw_tubes` and `draw_constraints`, on a slice along two axes through a state; `draw_run` and
                      `draw_path`, a run on a slice. For other drawings on a slice, `plane(grid, through).points` gives
                      its states, and `draw_set` draws a set
+of records           `draw_records`, of what `sdhj.bounds_from_records` returns
 for the arm          `draw_workspace`, `draw_arm`; `draw_moment`, one instant of a run
 ===================  ===============================================================================================
 
@@ -23,6 +24,7 @@ if importlib.util.find_spec("matplotlib") is None:
     raise ImportError('figures need Matplotlib, which is not installed: pip install "sdhj[plot]"')
 
 from sdhj.plotting.looks import new_figure, patch, save, step_colours, style, write
+from sdhj.plotting.records import draw_records
 from sdhj.plotting.scenes import draw_arm, draw_workspace
 from sdhj.plotting.slices import (
     draw_constraints,
@@ -39,6 +41,7 @@ __all__ = [
     "draw_constraints",
     "draw_moment",
     "draw_path",
+    "draw_records",
     "draw_run",
     "draw_set",
     "draw_tubes",

@@ -203,13 +203,25 @@ class ReachAvoidProblem:
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,)."""
+        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
+
+        With memory to hold the next point that is carried on: by what E grows, and by what a push does in the end.
+        """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+        if sensing.memory:
+            return box, self.spread - push * sensing.hold(self.delta)[0]
         return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
+
+    @kept
+    def spread(self) -> FloatArray:
+        """By how much more than E a state of c +- E is off where c alone is led, an interval later: (ndim,)."""
+        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = carried(slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay)
+        return carried(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
@@ -259,7 +271,7 @@ class ReachAvoidProblem:
         if grid is self.grid:
             return self
         part = object.__new__(ReachAvoidProblem)  # its functions have been checked
-        kept = {one.name for one in fields(self)} | {"half_widths"}
+        kept = {one.name for one in fields(self)} | {"half_widths", "spread"}
         part.__dict__.update({name: one for name, one in vars(self).items() if name in kept})
         part.__dict__.update(grid=grid, _intervals={}, _static={})
         if not (self.dynamics.timed or self.dynamics.stateless):
@@ -409,7 +421,7 @@ class ReachAvoidProblem:
             "view_time": self.view_time,
             "grid": {name: getattr(self.grid, name) for name in LAYOUT},
             "inputs": self.inputs.tolist(),
-            "sensing": vars(self.sensing) if self.sensing else {},
+            "sensing": self.sensing.told,
             "sets": target + sets,
         }
 
@@ -528,6 +540,20 @@ def shrunk(problem: ReachAvoidProblem, values: FloatArray, axes: Sequence[int] |
         nodes = grid.nodes(axis)
         beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
         out = np.maximum(out, beyond.astype(out.dtype))
+    return out
+
+
+def led_into(problem: ReachAvoidProblem, values: FloatArray) -> FloatArray:
+    """Level-set function of the points that an interval has to lead to so that what follows is in {values <= 0}.
+
+    That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.
+    """
+    grown = problem.half_widths[1]
+    if not problem.sensing.memory:
+        return shrunk(problem, values)
+    if not grown.any():
+        return values
+    ((_, out),) = maximum_over_boxes(problem.grid, values, -grown[None], grown[None], "linear")
     return out
 
 

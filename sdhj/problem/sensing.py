@@ -22,6 +22,15 @@ where A holds the Lipschitz constants of the velocity, axis by axis, and b the m
   of K_k^n(u) shrunk by E. M_k^0 is L minus G, with G at every time that jitter allows, shrunk by E.
 * W_k^n: M_k^n shrunk by E, the states all of whose predictions are in M_k^n. The guarantee for a state is W.
 
+*Memory.* Here each prediction is judged by itself, so an error costs the same in every step, however little an input
+changes in one, and tables at a high rate are empty. With `memory=True` the controller carries a point c from step to
+step, with the promise that the state is in c +- E. Let [L, H] hold, axis by axis, all that c +- E can lead to under the
+input. The next c is the prediction, clipped to [L + E, H - E] (the middle where that is empty): the state is in it
+again +- E, because it is in [L, H] and within E of the prediction. So in place of "shrunk by E" in K, the box [L, H] of
+a point is shrunk: M_k^n are the points c for which one u is right for every state of c +- E and leads to points of
+M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select` with every new prediction does not,
+and is promised nothing by such a table beyond the step.
+
 Chapter 16 of the course proves by induction that the robot reaches the target from W_k^n within n steps and can tell,
 says how much is lost (each prediction is judged by itself), and gives the sets in closed form for dq = u + v. Grids
 shrink a set by the maximum of its level-set function over the box; cells are certified where the image of y + E,
@@ -51,6 +60,9 @@ class Sensing:
         j, the most by which a sampling time may come early or late, s.
     rest : int
         Index into problem.inputs of the input that is held before the first chosen one starts.
+    memory : bool
+        Whether the controller remembers from step to step what the state can be (*Memory* in `sdhj.problem.sensing`):
+        larger sets, the more the higher the rate, for control loops that ask `Controller.step`. Not in C.
 
     Raises
     ------
@@ -65,14 +77,16 @@ class Sensing:
     >>> import sdhj
     >>> problem = sdhj.arm_case_study(nodes=15, steps=3)
     >>> sensed = replace(problem, sensing=sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01))
-    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed)]
-    [0.19, 0.07]
+    >>> remembers = replace(problem, sensing=replace(sensed.sensing, memory=True))
+    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, remembers)]
+    [0.19, 0.07, 0.15]
     """
 
     error: Any = 0.0
     delay: float = 0.0
     jitter: float = 0.0
     rest: int = 0
+    memory: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.error, Sequence | np.ndarray) and not isinstance(self.error, str):
@@ -83,10 +97,18 @@ class Sensing:
         for name in ("delay", "jitter"):
             object.__setattr__(self, name, number(name, getattr(self, name), least=0.0))
         object.__setattr__(self, "rest", whole("rest", self.rest, least=0))
+        if not isinstance(self.memory, bool | np.bool_):
+            raise ValueError(f"memory must be True or False, got {self.memory!r}")
+        object.__setattr__(self, "memory", bool(self.memory))
 
     def __bool__(self) -> bool:
         """Whether there is any error, delay or jitter."""
         return bool(np.any(self.error) or self.delay or self.jitter)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """As it stands in a file; `memory` only where it is so."""
+        return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
         """The longest time for which an input may be held, s, and how much shorter it may be, s."""

@@ -110,6 +110,7 @@ class _Runs:
         self.shift = getattr(play, "shift", SHIFTING[name])
         self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
         same = sensing == controller.problem.sensing
+        self.remembers = controller.problem.sensing.memory
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)
@@ -118,15 +119,26 @@ class _Runs:
             self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (name != "none")
             self.predictions = self.measured(0, starts, self.taken, self.problem.half_widths[0])
 
-    def measured(self, step: int, states: FloatArray, before: FloatArray, box: FloatArray | None = None) -> FloatArray:
-        """The controller's predictions (M, ndim) from its measurements; with a `box`, of states where inputs start."""
+    def measured(
+        self,
+        step: int,
+        states: FloatArray,
+        before: FloatArray,
+        box: FloatArray | None = None,
+        known: tuple[FloatArray, int] | None = None,
+    ) -> FloatArray:
+        """The controller's predictions (M, ndim) from its measurements; with a `box`, of states where inputs start.
+
+        known : what it remembers, if it does: the points (M, ndim) that it carried to a step.
+        """
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
             seen = states + off
-            return problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
+            found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
+            return table.carried_on(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
             batch = self.controller.batch(predict(off), step)
@@ -201,7 +213,9 @@ class _Runs:
         self.taken[rows] += 1
         on = ended == UNDECIDED
         if sensing and on.any():
-            self.predictions[rows[on]] = self.measured(0 if self.ever else number + 1, seen[on], inputs[on])
+            known = (self.predictions[rows[on]], 0 if self.ever else number) if self.remembers else None
+            step = 0 if self.ever else number + 1
+            self.predictions[rows[on]] = self.measured(step, seen[on], inputs[on], known=known)
 
 
 def rollouts(

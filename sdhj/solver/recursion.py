@@ -23,7 +23,7 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem, shrunk
+from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
 from sdhj.solver.avoid import dangers, never_felt, tube_of
 from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
@@ -306,7 +306,7 @@ def _extend(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
     before, played = arrays.read("tubes", task.before, runs), problem.rimmed.grid
-    values = shrunk(problem, read_window(arrays, "tubes", task.after, window))
+    values = led_into(problem, read_window(arrays, "tubes", task.after, window))
     if played is not problem.grid:
         values = np.pad(values, played.rim, "edge")
     (rows, step), (tube, mask) = _rows(plan, arrays, task), arrays.room(task.written)
@@ -335,7 +335,8 @@ def _reaches(
         yield from games.reaches(values, step, *[patch] * bool(patch))
         return
     inner, reach = problem.rimmed.grid.inner, games.reach(values, step)
-    yield from in_eights(problem.grid, ((j, shrunk(problem, phi[inner])) for j, phi in reach))
+    kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
+    yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach))
 
 
 def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[bool]]:

@@ -70,6 +70,24 @@ def check_sets(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
             warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
 
 
+def _eaten(problem: "ReachAvoidProblem") -> str:
+    """Which error of measurements costs as much in an interval as any input changes, without memory; empty if none."""
+    sensing, grid = problem.sensing, problem.grid
+    if not sensing or sensing.memory:
+        return ""
+    states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
+    still, t = np.zeros((STATES, problem.dynamics.adversaries)), problem.time(0)
+    speeds = [problem.dynamics.velocity_at(states, j, still, t) for j in range(len(problem.inputs))]
+    changed, costs = problem.delta * np.ptp(speeds, axis=0).max(axis=0) / 2, 2 * problem.half_widths[0]
+    for axis in np.flatnonzero((changed > 0) & (costs >= changed * (1 - 1e-9))).tolist():
+        return (
+            f"an input changes {grid.names[axis]} by {changed[axis]:.3g} in an interval, and what the sensing leaves "
+            f"open of it costs {costs[axis]:.3g} in each: sets that are to be kept for many steps are empty. Use "
+            "Sensing(..., memory=True) and ask Controller.step, or a longer delta"
+        )
+    return ""
+
+
 def check_seams(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
     parts = [*([] if problem.stays else [problem.target]), *problem.unsafe]
@@ -77,6 +95,7 @@ def check_seams(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
         next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), "") for part in parts
     ]
     found += [next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), "")]
+    found.append(_eaten(problem))
     for message in filter(None, found):
         warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
 

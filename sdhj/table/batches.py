@@ -24,6 +24,8 @@ from sdhj.table.explaining import Explanation, explain_on_grid
 CHUNK = 4096  # states that one thread takes at a time
 MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, for as many steps as that is
 NOT_ADMISSIBLE = -1
+STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
+CARRIED_OFF = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
@@ -288,6 +290,43 @@ class Table:
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
         """To be implemented by proved tables: which input a built-in rule prefers for each state of a batch, (M,)."""
         raise NotImplementedError
+
+    def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Between what points a controller goes on that remembers, two (M, ndim), and E, (ndim,).
+
+        points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
+        """
+        problem, interval, ends = self.problem, self.problem.interval(step), []
+        still, (longest, early) = (
+            np.zeros((len(points), problem.dynamics.adversaries)),
+            problem.sensing.hold(problem.delta),
+        )
+        for length in sorted({longest, longest - early}):
+            states = points
+            for part in range(STRIDES):
+                t = problem.time(step) + length * part / STRIDES
+                states = interval.advance(states, inputs, still, t, length / STRIDES)
+            ends.append(states)
+        low, high = np.min(ends, axis=0) - problem.spread, np.max(ends, axis=0) + problem.spread
+        return self.grid.clipped(low), self.grid.clipped(high), problem.half_widths[0]
+
+    def carried_on(
+        self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The points (M, ndim) with which a controller goes on that remembers, and where it cannot: bool (M,).
+
+        points, inputs (M,), step : as in `led_to`
+        seen (M, ndim) : the predictions of the next step, to which the points are clipped (*Memory* in
+        `sdhj.problem.sensing`). It cannot go on where one is farther away than errors explain, and begins anew with it.
+        """
+        low, high, off = self.led_to(points, inputs, step)
+        length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
+        turns = np.where(periodic, np.round((seen - (low + high) / 2) / length), 0.0) * length
+        anywhere, near = periodic & (high - low >= length), seen - turns
+        far = 2 * off + CARRIED_OFF * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown
+        lost = ~held.all(axis=1)
+        return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).

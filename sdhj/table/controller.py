@@ -19,9 +19,8 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
+from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
 
-STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
 
@@ -123,7 +122,9 @@ class Action:
     late : float
         How long after its sampling time the measurement was taken, s; negative if before.
     missed : bool
-        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement.
+        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement; or,
+        where the controller remembers (`Sensing.memory`), whether the measurement is farther from what was possible
+        than its error allows, so that an assumption broke. The loop then begins anew, with this measurement alone.
     """
 
     input: int
@@ -192,7 +193,7 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs.
+    loop needs. With `Sensing(memory=True)` it is the only loop that is promised anything: it carries a point on.
 
     Parameters
     ----------
@@ -222,6 +223,7 @@ class Controller:
     """
 
     last: "Action | None" = None  # the last answer of `step`
+    carried: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
         if not isinstance(table, Table):
@@ -445,6 +447,11 @@ class Controller:
         )
         step, previous = 0 if problem.timeless else k, last.input if last else None
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
+        if problem.sensing.memory and last and not missed and self.carried:
+            kept, lost = self.table.carried_on(
+                self.carried[0][None], np.array([last.input]), self.carried[1], state[None]
+            )
+            state, missed = kept[0], bool(lost[0])
         batch = self.batch(state[None], step)
         left = last.steps_to_go if last and not missed and problem.timeless and problem.stays else None
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
@@ -456,6 +463,7 @@ class Controller:
         if chosen == NOT_ADMISSIBLE:
             chosen = self.fallback(state, step).input if fallback else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
+        self.carried = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
 

@@ -117,3 +117,17 @@ def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
         warnings.simplefilter("error")
         sdhj.solve(line(steps=3), sdhj.Certified(cells=[40]), progress=False)
         sdhj.solve(replace(car(), steps=8), sdhj.Certified(cells=(12, 12, 12)), progress=False, play=False)
+
+
+def test_a_state_that_may_be_measured_in_a_cell_that_is_not_certified():
+    """Its own cell is certified, and what fails is of the cell where it may be measured; with a scanty table, too."""
+    told = table(line(sensing=sdhj.Sensing(0.3), steps=2), 40)
+    places = np.linspace(0.05, 9.95, 199)[:, None]
+    near = (told.steps_to_go(places, 0) <= 2) & ~told.contains(places)
+    assert near.any()
+    for q in places[near]:
+        says = told.explain(q)
+        assert not says.inside and "may be measured, or predicted, at" in says.says
+        assert all(one.by or "certified" in one.says for one in says.failures) and says.helps
+        at = float(says.says.split("[")[1].split("]")[0])
+        assert abs(at - q[0]) <= 0.3 + 1e-9 and told.steps_to_go(np.array([[at]]), 0)[0] > 2

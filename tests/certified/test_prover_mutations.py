@@ -104,6 +104,14 @@ FALSE = {
         MOVES,
     ),
     "errors after": (IMAGES, "last + SIDES * self.unsure", "last", "sensed", MOVES),
+    "what is carried on": (
+        IMAGES,
+        "last = last - SIDES * self.unsure",
+        "last = last - 1.5 * SIDES * self.unsure",
+        "remembered",
+        MOVES,
+    ),
+    "the middle": (IMAGES, "np.where((low > high) &", "np.where((low > high) & False &", "calming", MOVES),
     "a late end": (
         IMAGES,
         "length, early = self.problem.sensing.hold(self.problem.delta)",

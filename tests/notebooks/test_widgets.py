@@ -30,6 +30,7 @@ from course.explore.schemes import explore_schemes, explore_upwinding
 from course.explore.sensing import explore_sensing
 from course.explore.sets import explore_nodes, explore_sets
 from course.explore.spaces import explore_spaces, explore_view_time
+from course.explore.tracking import explore_tracking
 from course.explore.tubes import (
     explore_arm_game,
     explore_certified,
@@ -433,6 +434,24 @@ def test_sensing_at_the_corners() -> None:
         explorer.set(error=0.0, delay=0.0, jitter=0.0)["promised, reckons with it"]
         == (explorer.numbers["promised, does not"])
     )
+
+
+def test_tracking_at_the_corners() -> None:
+    """What is shown is how far the joint that was simulated is from its reference, beside the formula."""
+
+    def follow(inputs: Any, torque: float, ratio: float) -> tuple[Any, ...]:
+        times = np.linspace(0.0, 0.8, 81)
+        reference = np.tile(inputs.max() * times, (1, 1))
+        return times, reference, reference - ratio / torque, np.full((1, 81), torque)
+
+    explorer = explore_tracking(follow, lambda change, torque: change / torque)
+    for shown in visit_corners(explorer):
+        assert shown["largest distance (rad)"] > 0.0
+    shown = explorer.set(torque=4.0, u_max=3.0, ratio=2.0)
+    assert shown == {"largest distance (rad)": pytest.approx(0.5), "formula (17.2)": pytest.approx(1.5)}
+    drawn = {line.get_gid(): line.get_ydata() for ax in explorer.figure.axes for line in ax.lines}
+    np.testing.assert_allclose(drawn["off"], drawn["joint"] - drawn["reference"])
+    np.testing.assert_allclose(drawn["torque"], 4.0)
 
 
 def reference_robot() -> sdhj.ReachAvoidProblem:

@@ -183,6 +183,8 @@ class Sensing:
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
         self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
         self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)
+        self.memory = head.get("memory", False)
+        expect(self.memory in (True, False), "memory must be true or false", self.memory)
 
     def __bool__(self) -> bool:
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0

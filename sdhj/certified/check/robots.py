@@ -259,7 +259,14 @@ class Robot(Sets):
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
             swept[:, part, 0], swept[:, part, 1] = a, b
-        return swept, held((np.stack([least, most]) if self.jitter else moved) + OUTWARD * self.off)
+        last = np.stack([least, most]) if self.jitter else moved
+        if not self.sensing.memory:
+            return swept, held(last + OUTWARD * self.off)
+        first, second = (
+            at + last - OUTWARD * self.off
+        )  # what is carried on is that much farther inside, or in the middle
+        middle = (first > second) & self.known
+        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""

@@ -164,10 +164,24 @@ MUTATIONS = {
     ),
     "errors of measurements after": (
         ROBOTS_PY,
-        "if self.jitter else moved) + OUTWARD * self.off)",
-        "if self.jitter else moved))",
+        "held(last + OUTWARD * self.off)",
+        "held(last)",
         "one measurement that errs",
     ),
+    "what is remembered": (ROBOTS_PY, "if not self.sensing.memory:", "if False:", "errors that are forgotten"),
+    "images shrunk once": (
+        ROBOTS_PY,
+        "- at, last - OUTWARD * self.off",
+        "- at, last - 2 * OUTWARD * self.off",
+        "images shrunk by too much",
+    ),
+    "the middle": (
+        ROBOTS_PY,
+        "middle = (first > second) & self.known",
+        "middle = first < first",
+        "a middle that is elsewhere",
+    ),
+    "memory or none": (READING, "expect(self.memory in (True, False)", "expect(True", "head: memory"),
     "a late end": (ROBOTS_PY, "self.length = self.delta + 2 * self.jitter", "self.length = self.delta", "no late end"),
     "an early end": (ROBOTS_PY, "self.length - 4 * self.jitter", "self.length", "no early end"),
     "all ends from the earliest on": (

@@ -229,7 +229,8 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
 
     What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
     """
-    n, (_, width, *extent), off = int(arm.counts[axis]), arm.axes[axis], 2 * arm.scene.off(axis)
+    n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
+    off = 0 if arm.scene.sensing.memory else 2 * arm.scene.off(axis)  # a point that is carried on moves as the state
     back, ahead = min(slow * span for span in arm.scene.spans()), max(fast * span for span in arm.scene.spans())
     out = []
     for cell in range(n):

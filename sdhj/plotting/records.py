@@ -1,0 +1,29 @@
+"""What records say of a disturbance: the peaks of the records, in order, and the bounds that were found from them."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from sdhj.plotting.looks import FAINT, INK, OUTCOME_INK
+from sdhj.problem.records import RecordedBounds
+
+
+def draw_records(ax: Axes, found: RecordedBounds, component: int = 0) -> None:
+    """The share of the records in which a component of v was never larger, and its bounds.
+
+    Parameters
+    ----------
+    ax : Axes
+    found : RecordedBounds
+        What `sdhj.bounds_from_records` returns.
+    component : int
+        Of v.
+    """
+    peaks = np.sort(found.peaks[:, component])
+    ax.step(peaks, np.arange(1, len(peaks) + 1) / len(peaks), where="post", color=INK, gid="peaks", label="records")
+    least, bound = found.least[component], found.bounds[component]
+    ax.axvline(least, color=FAINT, linestyle=":", gid="least", label="no error explains it")
+    ax.axvline(bound, color=OUTCOME_INK, linestyle="--", gid="bound", label=f"bound, {found.confidence:.0%}")
+    ax.set(
+        xlabel=f"largest |v[{component}]| of a record", ylabel="share of the records", ylim=(0, 1.05), xlim=(0, None)
+    )
+    ax.legend(loc="upper left", fontsize="small")

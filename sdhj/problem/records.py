@@ -1,0 +1,311 @@
+"""Bounds from records: how large the disturbance and the measurement error were in what a robot has recorded.
+
+A record is a log of times, measured states y and the inputs u that acted. The push of a sample is the constant v with
+which the model leads from a measured state to the next one,
+
+    y_{i+1} = flow(y_i, u_i, v_i; t_{i+1} - t_i),
+
+by least squares where the state has more axes than v has components. Of a disturbance that changes within a sample it
+shows the mean. An error of at most e in both states changes a component of v_i by at most
+
+    s_i = |B^+| (e + w(dt)) / dt,    w(0) = e,    dw/dt = A w,
+
+where A holds the Lipschitz constants of the velocity (`sdhj.problem.steepness`). One log cannot tell the two apart:
+white noise of size e looks like a push of 2 e / dt. So e has to come from somewhere else.
+
+Two statements with a confidence 1 - alpha, of n records that were drawn alike and independently of one another:
+
+* *The next record.* With the largest of m quantities in n records, another record exceeds any of them with a
+  probability of at most the eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = alpha, whatever the distribution
+  (Campi & Garatti 2008); this is about 3 / n for m = 1 at 95 %.
+* *The bound.* Where the peaks x_1 >= x_2 >= ... have a density that does not vanish at their bound, what is beyond x_1
+  is to what is between it and x_k as one spacing of uniform numbers to the k - 1 next, so that the bound is at most
+
+      x_1 + (x_1 - x_k) (alpha^(-1 / (k - 1)) - 1),    k = 5:
+
+  exact for a uniform density, else as n grows (Robson & Whitlock 1964 for k = 2). Noise adds to the push, so what is
+  above the bound of both is above that of the push.
+
+Both are evidence about records like these. Nothing that was recorded bounds what comes next under other inputs.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import finite_array, number, whole
+from sdhj.problem.interval import Interval
+from sdhj.problem.problem import ReachAvoidProblem, carried
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.steepness import rates
+
+ROUNDS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
+SAME = 1e-6  # an input of the problem and one of a record, relative to the largest
+LARGEST = 5  # peaks from which a bound is found
+HALVINGS = 60
+STRIDES = 4  # Runge-Kutta steps of order 4 in a sample
+INTEGRATED = 1e-6  # of an axis: how exact they are taken to be
+
+
+@dataclass(frozen=True)
+class RecordedBounds:
+    """What `bounds_from_records` found; `str()` is a summary.
+
+    Attributes
+    ----------
+    bounds : (D,) array
+        For `Dynamics(bounds=...)`: above the bounds of the disturbance, with the stated confidence.
+    least : (D,) array
+        What no measurement error explains: the bounds are at least this.
+    peaks : (n, D) array
+        The largest push of each record.
+    error : (ndim,) array
+        For `Sensing(error=...)`: as given, or above the error of a measurement with the stated confidence.
+    unexplained : (ndim,) array
+        The most by which a state was elsewhere than any push and measurement error can bring it: where this is not 0,
+        the model lacks something, or the error is larger.
+    exceeding : float
+        With the stated confidence, the most that the probability can be of a further record, drawn alike, in which a
+        push is larger than all of `peaks`.
+    confidence : float
+    names : tuple of str
+        Of the axes.
+    """
+
+    bounds: FloatArray
+    least: FloatArray
+    peaks: FloatArray
+    error: FloatArray
+    unexplained: FloatArray
+    exceeding: float
+    confidence: float
+    names: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.peaks)} records, confidence {self.confidence:.0%}"]
+        for d, (low, seen, high) in enumerate(zip(self.least, self.peaks.max(axis=0), self.bounds, strict=True)):
+            lines.append(f"v[{d}]: at least {low:.4g}, largest recorded {seen:.4g}, bound {high:.4g}")
+        lines.append("measurement error: " + ", ".join(f"{e:.4g}" for e in self.error))
+        lines.append(
+            f"a further record exceeds the largest recorded with a probability of at most {self.exceeding:.2%}"
+        )
+        lines += [
+            f"no push explains {much:.4g} of the motion along {name}: the model lacks something, or the error is larger"
+            for name, much in zip(self.names, self.unexplained, strict=True)
+            if much > 0
+        ]
+        return "\n".join(lines)
+
+
+def bounds_from_records(
+    problem: ReachAvoidProblem,
+    records: Sequence[Any],
+    *,
+    error: Any = None,
+    rest: Any = None,
+    better: Sequence[Any] | None = None,
+    confidence: float = 0.95,
+) -> RecordedBounds:
+    """Bounds of the disturbance, and the measurement error, from records of a robot: see `sdhj.problem.records`.
+
+    Parameters
+    ----------
+    problem : ReachAvoidProblem
+        The model; its bounds and its sensing play no part.
+    records : sequence of (T, 1 + ndim + m) array, or of paths to CSV files
+        Time (s), measured state and input in each row, sampled as it was; the input is the one that acted from this row
+        to the next. A file has a line with names first. At least two, drawn independently and alike.
+    error : float, or one for each axis
+        The measurement error, if it is known.
+    rest : (T, 1 + ndim, ...) array, or a path
+        In place of `error`: a record of the robot at rest. Half of what a coordinate ranges over is its error.
+    better : sequence as `records`
+        In place of `error`: a better sensor's records, at the same times. How far the records are from them is the
+        error, and the pushes are those of the better states.
+    confidence : float
+        Of all bounds that are found together.
+
+    Raises
+    ------
+    ValueError
+        If an argument does not fit, if v does not enter the velocity linearly, or if nothing in the records tells a
+        component of v from the others.
+
+    Examples
+    --------
+    A robot on a line is told to move at 1 m/s, ten times for one second, in a wind that is new in each tenth:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> problem = sdhj.ReachAvoidProblem(
+    ...     grid=sdhj.Grid([-4.0], [4.0], [81]),
+    ...     dynamics=sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.0]),
+    ...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
+    ...     delta=0.1,
+    ...     steps=5,
+    ... )
+    >>> rng = np.random.default_rng(0)
+    >>> t, wind = np.arange(11) / 10, rng.uniform(-0.2, 0.2, (10, 10))
+    >>> ways = np.hstack([np.zeros((10, 1)), np.cumsum(0.1 * (1.0 + wind), axis=1)])
+    >>> records = [np.column_stack([t, way, np.ones(11)]) for way in ways]
+    >>> found = sdhj.bounds_from_records(problem, records, error=0.0)
+    >>> bool(found.least[0] <= 0.2 <= found.bounds[0])
+    True
+    """
+    confidence = number("confidence", confidence, above=0.0, most=1 - 1e-9)
+    if sum(given is not None for given in (error, rest, better)) != 1:
+        raise ValueError(
+            "give one of error, rest and better: a log alone does not tell a disturbance from an error of measurement"
+        )
+    if problem.dynamics.gain is None:
+        raise ValueError("v must enter the velocity linearly: give drift and gain")
+    ndim, D = problem.grid.ndim, problem.dynamics.adversaries
+    tables = [_table(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
+    if len(tables) < 2:
+        raise ValueError(f"two records or more are needed, got {len(tables)}")
+    miss, seen = (1 - confidence) / (D + (0 if error is not None else ndim)), tables  # for each bound that is found
+    if better is not None:
+        seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
+        if [len(one) for one in seen] != [len(one) for one in tables]:
+            raise ValueError("better must have a record for each of records, with as many rows")
+        pairs = zip(tables, seen, strict=True)
+        misses = [np.abs(_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
+        known = _above(np.array(misses), miss)
+    elif rest is not None:
+        still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
+        off = _apart(problem, still, still[:1])
+        known = (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
+    else:
+        known = np.zeros(ndim) + np.array(Sensing(error).error)
+    slack = np.zeros(ndim) if better is not None else known
+    pushes, blur, beyond = _pushes(
+        problem, [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)], slack
+    )
+    peaks = np.maximum.reduceat(pushes, np.cumsum([0, *(len(one) - 1 for one in tables[:-1])]), axis=0)
+    if (untold := peaks.max(axis=0) < 0).any():
+        raise ValueError(
+            f"nothing in the records tells v[{int(untold.argmax())}] from the other components of v; record inputs "
+            "under which it moves the state otherwise than they do"
+        )
+    peaks = np.maximum(peaks, 0.0)
+    return RecordedBounds(
+        bounds=_above(peaks, miss),
+        least=np.maximum((pushes - blur).max(axis=0), 0.0),
+        peaks=peaks,
+        error=known,
+        unexplained=beyond.max(axis=0),
+        exceeding=chance(len(tables), D, confidence),
+        confidence=confidence,
+        names=tuple(problem.grid.names),
+    )
+
+
+def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
+    """The most that the probability can be, with a confidence, that another record exceeds the largest of `count`.
+
+    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, where any of m quantities counts; 1 where
+    there are not more records than quantities.
+    """
+    count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS if count > quantities else 0):
+        eps = (low + high) / 2
+        tail = sum(comb(count, i) * eps**i * (1 - eps) ** (count - i) for i in range(quantities))
+        low, high = (eps, high) if tail > 1 - confidence else (low, eps)
+    return high
+
+
+def _above(values: FloatArray, miss: float) -> FloatArray:
+    """For n values of some quantities (n, m): what their bounds exceed with probability `miss` each, (m,)."""
+    ordered = np.sort(values, axis=0)
+    k = min(LARGEST, len(values))
+    return np.asarray(ordered[-1] + (ordered[-1] - ordered[-k]) * (miss ** (-1 / (k - 1)) - 1))
+
+
+def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
+    """A record as an array whose times increase; of a file, its numbers."""
+    if isinstance(given, str | os.PathLike):
+        given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
+    table = finite_array(name, given)
+    fits = table.ndim == 2 and (table.shape[1] == columns or (wider and table.shape[1] > columns))
+    if not fits or len(table) < 2:
+        what = "time, state" if wider else "time, state and input"
+        raise ValueError(f"{name} must have two rows or more, and {columns} columns ({what}), got shape {table.shape}")
+    if (np.diff(table[:, 0]) <= 0).any():
+        raise ValueError(f"the times of {name} must increase from row to row")
+    return table
+
+
+def _apart(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
+    """one - other, on periodic axes the short way round."""
+    grid, off = problem.grid, one - other
+    turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
+    return off - np.where(grid.periodic, turn, 0.0) * np.round(off / turn)
+
+
+def _pushes(
+    problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """For samples of all records: |v| (T, D), -inf where nothing tells a component from the others; how much of it the
+    errors of measurement may be, (T, D); and what no push explains, (T, ndim)."""
+    ndim, D = problem.grid.ndim, problem.dynamics.adversaries
+    before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
+    times, states, spans = before[:, 0], before[:, 1 : 1 + ndim], after[:, :1] - before[:, :1]
+    inputs, count = _indices(problem, before[:, 1 + ndim :]), len(before)
+    v, left, gain = np.zeros((count, D)), np.empty((count, ndim)), np.empty((count, ndim, D))
+    timed = problem.dynamics.timed  # then each sample has a time of its own
+    for rows in np.arange(count)[:, None] if timed else [np.arange(count)]:
+        t = float(times[rows[0]]) if timed else 0.0
+        interval = problem.interval(min(max(round(t / problem.delta), 0), problem.steps - 1) if timed else 0)
+        gain[rows] = interval.gain(states[rows], inputs[rows], t)
+        inverse = np.linalg.pinv(gain[rows])
+        for _ in range(ROUNDS):
+            ends = _flow(interval, states[rows], inputs[rows], v[rows], t, spans[rows])
+            left[rows] = _apart(problem, after[rows, 1 : 1 + ndim], ends)
+            v[rows] += np.einsum("mdi,mi->md", inverse, left[rows]) / spans[rows]
+    inverse, longest = np.linalg.pinv(gain), float(spans.max())
+    slope, _, jumps = rates(problem.grid, problem.dynamics, float(times.max()), longest)
+    blur = error + carried(slope, jumps, error, longest)
+    told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME
+    beyond = np.abs(left) - np.abs(np.eye(ndim) - gain @ inverse) @ blur
+    small = INTEGRATED * (np.array(problem.grid.upper) - problem.grid.lower)
+    return np.where(told, np.abs(v), -np.inf), np.abs(inverse) @ blur / spans, np.where(beyond > small, beyond, 0.0)
+
+
+def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
+    """Which of the problem's inputs was given, (T,)."""
+    apart = np.abs(given[:, None] - problem.inputs).max(axis=2)
+    if (odd := apart.min(axis=1) > SAME * max(1.0, np.abs(problem.inputs).max())).any():
+        raise ValueError(
+            f"the records have the input {given[odd][0].tolist()}, which is none of the problem's; make the "
+            "problem with the inputs that were recorded"
+        )
+    return apart.argmin(axis=1)
+
+
+def _flow(
+    interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
+) -> FloatArray:
+    """Where the model leads from states (M, ndim) in time spans (M, 1) under constant v (M, D), wherever the walls are.
+
+    Where the velocity depends on time, M is 1.
+    """
+
+    def velocity(q: FloatArray, after: float) -> FloatArray:
+        now = t + after * float(h[0, 0])
+        pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)
+        return interval.undisturbed(q, inputs, now) + pushed
+
+    gain, h = (states.shape[1], v.shape[1]), spans / STRIDES
+    for stride in range(STRIDES):
+        first = velocity(states, stride)
+        second = velocity(states + h / 2 * first, stride + 0.5)
+        third = velocity(states + h / 2 * second, stride + 0.5)
+        last = velocity(states + h * third, stride + 1)
+        states = states + h / 6 * (first + 2 * second + 2 * third + last)
+    return states

@@ -1,0 +1,197 @@
+"""A controller that remembers what the state can be: the joint of a robot before its stops, by plants of our own."""
+
+from dataclasses import replace
+
+import forged_robots
+import numpy as np
+import pytest
+import toys
+
+import sdhj
+from sdhj.certified.check import verify
+from sdhj.solver.resolution import ResolutionWarning
+
+ERROR = np.array([0.002, 0.02])
+LEVELS = np.array([[-4.0], [-2.0], [0.0], [2.0], [4.0]])  # rad/s^2
+PUSH = 0.1
+
+
+def joint(delta, memory=True, steps=None, **sensing):
+    """A joint with hard stops at +-1 rad and at most 2 rad/s, for ever; its encoder errs by 2 mrad and 0.02 rad/s."""
+
+    def drift(q, u):
+        return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1, -2], [1, 2], (101, 81), ends=["unsafe", "wall"]),
+        sdhj.Dynamics(LEVELS, drift, [[0], [1]], [PUSH]),
+        None,
+        [],
+        delta,
+        steps,
+        sensing=sdhj.Sensing(error=tuple(ERROR), memory=memory, **sensing),
+    )
+
+
+def solved(delta, cells=(400, 400), **given):
+    return sdhj.solve(joint(delta, **given), sdhj.Certified(cells=cells), progress=False, play=False)
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """At 100 Hz, where a table that remembers nothing is empty."""
+    return solved(0.01)
+
+
+def moved(states, accelerations, delta, rng, pieces=10):
+    """An interval of the plant: the disturbance switches, the speed is held at its walls. Whether a stop was hit."""
+    hit, h = np.zeros(len(states), np.bool_), delta / pieces
+    for _ in range(pieces):
+        push = rng.choice([-PUSH, PUSH], len(states))
+        speed = np.clip(states[:, 1] + (accelerations + push) * h, -2, 2)
+        states = np.stack([states[:, 0] + (states[:, 1] + speed) / 2 * h, speed], axis=1)
+        hit |= np.abs(states[:, 0]) >= 1
+    return states, hit
+
+
+def measured(states, rng):
+    return states + rng.choice([-1.0, 0.3, 1.0], states.shape) * ERROR
+
+
+def test_sampling_faster_costs_nothing_any_more(fast):
+    assert fast.fraction() > 0.82  # 0.827; of the truth, shrunk by 2 E, 0.905
+    with pytest.warns(ResolutionWarning, match="an input changes"):
+        assert solved(0.01, memory=False).fraction() == 0.0
+    slow = [solved(0.1, memory=memory).fraction() for memory in (False, True)]
+    assert slow[1] > slow[0] > 0.87
+
+
+@pytest.mark.parametrize("delta", [0.1, 0.01])
+def test_nobody_who_remembers_is_lost(delta, fast):
+    """Pushed towards the stop through the filter, and by the rule, with errors at their most: the promise holds."""
+    table, rng = fast if delta == 0.01 else solved(delta), np.random.default_rng(0)
+    controller = sdhj.Controller(table)
+    q = rng.uniform([-1, -2], [1, 2], (5000, 2))
+    q = q[table.contains(q)][:200]
+    for wanted in (4, 0, None):
+        states, known = q, controller.predict(measured(q, rng), 2, 0)
+        for _ in range(int(3 / delta)):
+            if wanted is None:
+                batch = controller.batch(known, 0)
+                inputs, promised = controller.choose(batch), batch.promised
+            else:
+                answer = controller.filter(known, 0, np.full(len(known), wanted))
+                inputs, promised = answer.inputs, answer.promised
+            assert promised.all()
+            states, hit = moved(states, LEVELS[inputs, 0], delta, rng)
+            assert not hit.any()
+            seen = controller.predict(measured(states, rng), inputs, 0)
+            known, lost = table.carried_on(known, inputs, 0, seen)
+            assert not lost.any()
+            assert (np.abs(known - states) <= ERROR + 1e-12).all()  # c +- E holds the state
+        assert wanted is None or np.abs(states[:, 0]).max() > 0.9  # and comes near
+
+
+def test_step_is_the_loop(fast):
+    """`step` carries the point on; a measurement that cannot be is told as missed, and the loop begins anew."""
+    rng, controller, state = np.random.default_rng(2), sdhj.Controller(fast), np.array([[0.9, 0.1]])
+    for k in range(100):
+        action = controller.step(measured(state, rng)[0], time=0.01 * k)
+        assert action.promised and not action.missed
+        assert (np.abs(controller.carried[0] - state[0]) <= ERROR + 1e-12).all()
+        state, hit = moved(state, LEVELS[[action.input], 0], 0.01, rng)
+        assert not hit.any()
+    state[0, 0] -= 0.05 * np.sign(state[0, 0])  # somebody has pushed it, towards the middle
+    broken = controller.step(state[0], time=1.0)
+    assert broken.missed and not broken.promised
+    np.testing.assert_array_equal(controller.carried[0], state[0])
+    state, _ = moved(state, LEVELS[[broken.input], 0], 0.01, rng)
+    again = controller.step(measured(state, rng)[0], time=1.01)
+    assert again.promised and not again.missed
+
+
+@pytest.mark.parametrize(("sensing", "share"), [({"delay": 0.008}, 0.855), ({"delay": 0.005, "jitter": 0.001}, 0.833)])
+def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
+    table = solved(0.01, cells=(1000, 400), **sensing)
+    assert table.fraction() > share
+    report = sdhj.monte_carlo(sdhj.Controller(table), 60, adversary="random", seed=0, steps=150, progress=False)
+    assert report.rate("reached") == 1.0
+    table.save(tmp_path / "table.h5")
+    assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)
+
+
+@pytest.mark.parametrize("adversary", ["worst", "greedy", "random"])
+def test_runs_remember(fast, adversary):
+    report = sdhj.monte_carlo(sdhj.Controller(fast), 40, adversary=adversary, seed=1, steps=100, progress=False)
+    assert report.rate("reached") == 1.0
+
+
+def test_what_is_lost_is_of_states():
+    """An interval leads all that a measurement may stand for to less than its error, which is no image of states."""
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 2.0) - 0.5)
+    problem = replace(forged_robots.calming(), steps=2, target=target)
+    forgets = replace(problem, sensing=sdhj.Sensing(0.1))
+    lost = [
+        sdhj.solve(one, sdhj.Certified(cells=(160,)), progress=False, play=False).losing.bits(start=0, within=2)
+        for one in (problem, forgets)
+    ]
+    assert lost[0].any() and np.array_equal(*lost)
+
+
+def test_a_file_says_so(fast, tmp_path):
+    fast.save(tmp_path / "table.h5")
+    again = sdhj.load(tmp_path / "table.h5")
+    assert again.problem.sensing == fast.problem.sensing and again.problem.sensing.memory
+    assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)
+    assert "memory" not in joint(0.1, memory=False).numbers["sensing"]
+    assert joint(0.1).digest != joint(0.1, memory=False).digest
+
+
+def test_a_solve_says_which_error_eats_the_set():
+    with pytest.warns(ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
+        solved(0.01, cells=(40, 40), memory=False)
+
+
+def test_what_cannot_remember_says_so(fast, tmp_path):
+    with pytest.raises(ValueError, match="a controller that remembers is not exported"):
+        sdhj.export_c(fast, tmp_path)
+    with pytest.raises(ValueError, match="memory must be True or False"):
+        sdhj.Sensing(0.1, memory="yes")
+
+
+@pytest.mark.parametrize("rate", [10, 50])
+def test_grids_remember_too(rate):
+    """By the boxes that E and the disturbance make of a point; own play of 3 s."""
+    delta, rng = 1 / rate, np.random.default_rng(3)
+    problem = replace(joint(delta), grid=sdhj.Grid([-1, -2], [1, 2], (201, 161), ends=["unsafe", "wall"]))
+    table = sdhj.solve(problem, progress=False, play=False)
+    assert table.fraction() > 0.88
+    controller, q = sdhj.Controller(table), rng.uniform([-1, -2], [1, 2], (2000, 2))
+    states = q[table.contains(q)][:200]
+    known = controller.predict(measured(states, rng), 2, 0)
+    for _ in range(3 * rate):
+        answer = controller.filter(known, 0, np.full(len(known), 4))
+        assert answer.promised.all()
+        states, hit = moved(states, LEVELS[answer.inputs, 0], delta, rng)
+        assert not hit.any()
+        known, lost = table.carried_on(known, answer.inputs, 0, controller.predict(measured(states, rng), 2, 0))
+        assert not lost.any() and (np.abs(known - states) <= ERROR + 1e-9).all()
+
+
+def test_round_a_period_and_beside_walls():
+    """On a torus with errors: what is carried on holds the state, over the seam, too."""
+    problem = replace(toys.torus_problem(), sensing=sdhj.Sensing(0.05, memory=True))
+    table = sdhj.solve(problem, sdhj.Certified(cells=(60, 60)), progress=False, play=False)
+    rng, controller, count = np.random.default_rng(4), sdhj.Controller(table), 300
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (count, 2))
+    length = np.subtract(problem.grid.upper, problem.grid.lower)
+    known, low, high = states.copy(), *problem.interval(0).reachable(states)
+    for _ in range(30):
+        inputs = rng.integers(0, len(problem.inputs), count)
+        spot = rng.choice([0.0, 1.0], (count, 2))
+        by = low[0, inputs] + spot * (high - low)[0, inputs]
+        states = problem.grid.wrapped(states + by)
+        seen = controller.predict(states + rng.choice([-0.05, 0.05], (count, 2)), 0, 0)
+        known, lost = table.carried_on(known, inputs, 0, seen)
+        apart = np.abs((known - states + length / 2) % length - length / 2)
+        assert not lost.any() and (apart <= 0.05 + 1e-9).all()
