@@ -20,11 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.kernels.compiling import FEW
 from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
-from sdhj.solver.games import FEW, KEPT, Axes, Games, HJIGames, HopfLaxGames
+from sdhj.solver.games import KEPT, Axes, Games, HJIGames, HopfLaxGames
 from sdhj.table.store import Arrays, Runs, Shapes, Slab
 
 
