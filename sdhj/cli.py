@@ -172,7 +172,11 @@ def solve_command(
     name, steps = click.format_filename(cast(Path, output or store)), table.steps
     what = "stays clear" if problem.stays else "target reachable"
     share, took = table.fraction(start=0, within=steps), table.details["seconds"]
-    click.echo(f"{name}: {what} from {share:.1%} of C within {steps} steps; solved in {took:.1f} s")
+    lasting = f"within {steps} steps"
+    if problem.stays:
+        settled = table.details.get("settled", table.details.get("endless"))
+        lasting = f"for ever, found in {steps} steps" if settled else f"for {steps} steps"
+    click.echo(f"{name}: {what} from {share:.1%} of C {lasting}; solved in {took:.1f} s")
 
 
 @main.command("simulate")

@@ -1,14 +1,17 @@
 """What an error says that helps, helps: each piece of advice is followed once, and the error goes.
 
-A row is a pattern of the message, the call that raises it, and what its advice makes of that call. Advice on files,
-stores, robots' files and formulas is followed in their own tests; that of warnings in test_advice.
+A row is a pattern of the message, the call that raises it, and what its advice makes of that call. The advice of
+warnings is followed in test_advice, that on functions that cannot be read in formulas/test_advice.
 """
 
+import ast
 import os
 import re
 import shutil
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,7 +20,10 @@ from toys import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj import Certified, Controller, Dynamics, TargetSet, UnsafeSet
+from sdhj.certified.check import verify
+from sdhj.certified.labels import labels
 from sdhj.cli import main
+from sdhj.simulation.environment import ReachAvoidEnv
 
 MOVES = [[-1.0], [0.0], [1.0]]
 
@@ -118,7 +124,7 @@ CASES = {
         lambda to: solved(line(), "hji"),
     ),
     "resume without a store": (
-        "apply to a store only; give one, for example store='table.zarr'",
+        "apply to a store only; give one, for example store='table",
         lambda to: solved(line(), resume=True),
         lambda to: solved(line(), resume=True, store=to / "table.zarr"),
     ),
@@ -222,7 +228,7 @@ CASES = {
         lambda to: command("solve", f"{to / 'robot.py'}:problem", "-o", to / "t.h5"),
     ),
     "cells of a grid method": (
-        "needs --method certified, got --method hji; leave out one of them",
+        "needs --method certified, got --method .*; leave out one of them",
         lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--cells", "40", "--method", "hji")),
         lambda to: (solve_robot(to, "--cells", "40", "--method", "certified"), solve_robot(to, "--method", "hji")),
     ),
@@ -235,6 +241,304 @@ CASES = {
         "or allow more by --operations",
         lambda to: ((to / "robot.py").write_text(ROBOT), solve_robot(to, "--operations", "10")),
         lambda to: solve_robot(to, "--operations", "1e9"),
+    ),
+    "a drift that is not one of the state": (
+        "its first parameter is the state, .*If it is the state, write .*; if it is",
+        lambda to: Dynamics(MOVES, lambda u, q: q[0] + 0 * u),
+        lambda to: Dynamics(MOVES, lambda q, u: u[0] + 0 * q),
+    ),
+    "compiled code that says nothing": (
+        "does not say what it takes: wrap it in a lambda",
+        lambda to: Dynamics(MOVES, max),
+        lambda to: Dynamics(MOVES, lambda q, u: np.maximum(0 * q, u)),
+    ),
+    "bounds as a black box": (
+        "bounds cannot be a BlackBox: give half-widths, or a function that can be read",
+        lambda to: replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], sdhj.BlackBox(lambda q, u: 0.2 + 0 * q))),
+        lambda to: [
+            replace(line(), dynamics=Dynamics(MOVES, MOVES, [[1.0]], one)) for one in ([0.2], lambda q: 0.2 + 0 * q)
+        ],
+    ),
+    "too many inputs": (
+        "are supported, so quantise more coarsely",
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 300)[:, None]] * 2),
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 100)[:, None]] * 2),
+    ),
+    "a drift without dynamics' other half": (
+        "give drift, with gain and bounds, or velocity, with bounds",
+        lambda to: Dynamics(MOVES),
+        lambda to: (
+            Dynamics(MOVES, MOVES, [[1.0]], [0.2]),
+            Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0], bounds=[0.2]),
+        ),
+    ),
+    "order of HJI": (
+        r"its options are|it belongs to|Scheme\(order=",
+        lambda to: sdhj.HJI(order=3),
+        lambda to: sdhj.HJI(sdhj.Scheme(order=3)),
+    ),
+    "a mask": (
+        "remove the mask, for example by filled",
+        lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0)),
+        lambda to: table().contains(np.ma.masked_less([[0.5]], 0.0).filled(9.0)),
+    ),
+    "one state for many": (
+        r"q\[None\] is one state",
+        lambda to: Controller(table()).batch(0.5),
+        lambda to: Controller(table()).batch(np.array([0.5])[None]),
+    ),
+    "many states for one": (
+        r"for many states use batch\(\)",
+        lambda to: Controller(table()).select([[0.5], [1.0]]),
+        lambda to: Controller(table()).batch([[0.5], [1.0]]),
+    ),
+    "in the target, and not to be kept there": (
+        r"the task is done, or use fallback\(\)",
+        lambda to: Controller(solved(drifting(), "certified")).select([0.9]),
+        lambda to: Controller(solved(drifting(), "certified")).fallback([0.9]),
+    ),
+    "a state that is not promised: another, or more steps": (
+        r"choose a state where table.contains\(q, start=0, within=1\) is true, or solve with more steps or nodes",
+        lambda to: Controller(table(steps=1)).select([-2.0]),
+        lambda to: (
+            Controller(table(steps=1)).select([-1.2])
+            if table(steps=1).contains([[-1.2]], start=0, within=1)
+            else 1 / 0,
+            Controller(table(steps=5)).select([-2.0]),
+        ),
+    ),
+    "a state that is not promised: more cells": (
+        "stay clear for ever .*, or solve with more cells",
+        lambda to: Controller(braking(12)).select([0.9, 0.6]),
+        lambda to: Controller(braking(200)).select([0.9, 0.6]),
+    ),
+    "records of a velocity": (
+        "v must enter the velocity linearly: give drift and gain",
+        lambda to: recorded(Dynamics(MOVES, velocity=lambda q, u, v: 0 * q + u[0] + v[0] ** 3, bounds=[0.2])),
+        lambda to: recorded(line().dynamics),
+    ),
+    "records of other inputs": (
+        "problem with the inputs that were recorded",
+        lambda to: recorded(line().dynamics, 0.5),
+        lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
+    ),
+    "a controller that remembers": (
+        "is not exported, as the file has no images: use memory=False",
+        lambda to: exported_with(to, memory=True),
+        lambda to: exported_with(to, memory=False),
+    ),
+    "no run can start": (
+        "so no run can start from it; use",
+        lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
+        lambda to: sdhj.monte_carlo(Controller(solved(parking(0.6))), 10, progress=False),
+    ),
+    "a level set undefined between nodes": (
+        r"as in np.sqrt\(np.maximum\(x, 0.0\)\), give swept=, or use view_time='sampled'",
+        lambda to: solved(rooted(np.sqrt)),
+        lambda to: (
+            solved(rooted(lambda x: np.sqrt(np.maximum(x, 0.0)))),
+            solved(
+                rooted(np.sqrt, swept=lambda p, t0, t1: np.abs(p[:, 0] - 3 - (t0 + t1) / 20) - (t1 - t0) / 20 - 0.5)
+            ),
+            solved(replace(rooted(np.sqrt), view_time="sampled")),
+        ),
+    ),
+    "a level set that is too small": (
+        "scale the function, or return 0 there",
+        lambda to: solved(with_target(lambda p, t: 1e-46 * (np.abs(p[:, 0]) - 1.0))),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
+    ),
+    "a black box in time": (
+        r"BlackBox\(..., rate=0.0\) if it does not, or use view_time='sampled'",
+        lambda to: boxed(),
+        lambda to: (solved(boxed(rate=0.0)), solved(boxed("sampled"))),
+    ),
+    "a black box at an instant": (  # games sweep it over each time step
+        r"BlackBox\(..., rate=0.0\) if it does not",
+        lambda to: boxed("instantaneous"),
+        lambda to: solved(boxed("instantaneous", rate=0.0)),
+    ),
+    "a black box and a proof": (
+        "is a BlackBox without a slope or an enclosure, which a proof needs",
+        lambda to: solved(boxed(rate=0.0), Certified(cells=(80,))),
+        lambda to: (
+            solved(boxed(rate=0.0, slope=1.0), Certified(cells=(80,))),
+            solved(boxed(enclosure=lambda low, high, t0, t1: (3 - high[:, 0], 3 - low[:, 0])), Certified(cells=(80,))),
+        ),
+    ),
+    "a black box and sensing": (
+        "drift is a BlackBox without a slope, which a Sensing needs",
+        lambda to: sensed(sdhj.BlackBox(black_drift, rate=0.0)),
+        lambda to: sensed(sdhj.BlackBox(black_drift, slope=0.0, rate=0.0)),
+    ),
+    "a black box in a function": (
+        "wrap the whole function in sdhj.BlackBox",
+        lambda to: with_target(lambda p, t: BLACK(p, t) + 1.0),
+        lambda to: with_target(sdhj.BlackBox(lambda p, t: BLACK.function(p, t) + 1.0)),
+    ),
+    "a velocity that may be undefined": (
+        "clip what it is divided by, or a root is taken of",
+        lambda to: sensed(lambda q, u: u[0] + 1e-6 / (q - 0.123456)),
+        lambda to: sensed(lambda q, u: u[0] + 1e-6 / np.maximum(q - 0.123456, 1e-3)),
+    ),
+    "more doubt than target": (
+        "reduce error or delay, or enlarge the target",
+        lambda to: replace(line(), sensing=sdhj.Sensing(0.6)),
+        lambda to: (
+            replace(line(), sensing=sdhj.Sensing(0.1)),
+            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6)),
+        ),
+    ),
+    "an agent that cannot see": (
+        "use a table solved without sensing",
+        lambda to: agent(sensing=sdhj.Sensing(0.1)),
+        lambda to: agent(),
+    ),
+    "a run that is over": (
+        r"the run is over; call reset\(\)",
+        lambda to: agent().step(0),
+        lambda to: agent(reset=True).step(0),
+    ),
+    "a zero whose sign decides": (
+        r"keep y off 0, as np.maximum\(y, 1e-9\) does .*, or x above 0, or wrap it in sdhj.BlackBox",
+        lambda to: with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), -1.0 - p[:, 0] ** 2) + 3.0),
+        lambda to: (
+            with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 1e-9), -1.0 - p[:, 0] ** 2) + 3.0),
+            with_target(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), 1.0 + p[:, 0] ** 2) + 0.3),
+            with_target(sdhj.BlackBox(lambda p, t: np.arctan2(-np.maximum(p[:, 0], 0.0), -1.0 - p[:, 0] ** 2) + 3.0)),
+        ),
+    ),
+    "something else than its arguments": (
+        "write it in NumPy's functions of the arguments alone, or wrap it in sdhj.BlackBox",
+        lambda to: solved(with_target(elsewhere)),
+        lambda to: solved(with_target(lambda p, t: np.abs(p[:, 0]) - 1.0)),
+    ),
+    "a store and steps": (
+        "leave store= out to solve in memory",
+        lambda to: solved(replace(line(), steps=None), store=to / "t.zarr"),
+        lambda to: solved(replace(line(), steps=None)),
+    ),
+    "too little memory for a store": (
+        "give more as memory=, or use fewer nodes",
+        lambda to: solved(line(nodes=401), store=to / "t.zarr", memory=1000),
+        lambda to: (
+            solved(line(nodes=401), store=to / "t.zarr", memory=10**8),
+            solved(line(nodes=81), store=to / "u.zarr", memory=10**8),
+        ),
+    ),
+    "safe ends and a target": (
+        "need a problem without a target",
+        lambda to: line(ends="safe"),
+        lambda to: replace(line(), target=None, grid=sdhj.Grid([-4.0], [4.0], [81], ends="safe")),
+    ),
+    "another game": (
+        "certify the problem that the table was solved for",
+        lambda to: labels(table(), table("certified", wall=2.0), np.array([[0.5]]), within=1),
+        lambda to: labels(table(), table("certified"), np.array([[0.5]]), within=1),
+    ),
+    "no certified sets": (
+        "holds no certified sets; make them with method='certified'",
+        lambda to: (table().save(to / "t.h5"), verify(to / "t.h5")),
+        lambda to: (table("certified").save(to / "t.h5"), verify(to / "t.h5")),
+    ),
+    "black boxes to verify": (
+        "rests on black boxes, .*; give the problem",
+        lambda to: (solved(boxed(**KNOWN), "certified").save(to / "t.h5"), verify(to / "t.h5")),
+        lambda to: verify(to / "t.h5", problem=boxed(**KNOWN)),
+    ),
+    "a figure of one axis": (
+        "a slice has two axes, and this robot has one; `sdhj info` prints its shares",
+        lambda to: (table().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.png")),
+        lambda to: command("info", to / "t.h5"),
+    ),
+    "an ending": (
+        "-o must end in .png or .svg",
+        lambda to: (plane().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.gif")),
+        lambda to: command("plot", to / "t.h5", "-o", to / "t.png"),
+    ),
+    "a default in the place of the time": (
+        "call it so, and let what has a default stand last",
+        lambda to: with_target(lambda p, size=1.0: np.abs(p[:, 0]) - size),
+        lambda to: with_target(lambda p, t, size=1.0: np.abs(p[:, 0]) - size),
+    ),
+    "a large table": (
+        "those of a problem at most .* together; use fewer nodes",
+        lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**28), [0.0], [1.0]),
+        lambda to: sdhj.gridded(np.broadcast_to(0.0, 2**8), [0.0], [1.0]),
+    ),
+    "large tables": (
+        "the tables that the problem looks up.*; use fewer nodes or pixels",
+        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(40)),
+        lambda to: patched("sdhj.problem.problem.MOST_TABLES", 4000, lambda: with_map(10)),
+    ),
+    "a large map": (
+        "pixels are too many.*; scale the map down, or cut off what is not needed",
+        lambda to: UnsafeSet.from_map(np.broadcast_to(False, (20_000, 20_000)), (0, 1), resolution=0.1),
+        lambda to: [
+            UnsafeSet.from_map(some, (0, 1), resolution=side)
+            for some, side in ((np.broadcast_to(False, (20_000, 20_000))[::500, ::500], 50.0), (np.eye(40) > 0, 0.1))
+        ],
+    ),
+    "a map and no memory": (
+        "needs about .* GB are available; scale it down",
+        lambda to: with_room(10**7, lambda: with_map(1000)),
+        lambda to: with_room(10**7, lambda: with_map(100)),
+    ),
+    "a solve and no memory": (
+        'use fewer nodes or steps, or dtype "float32"',
+        lambda to: with_room(scarce(), lambda: solved(line(nodes=5001, steps=40), DOUBLE)),
+        lambda to: with_room(
+            scarce(),
+            lambda: (
+                solved(line(nodes=501, steps=40), DOUBLE),
+                solved(line(nodes=5001, steps=4), DOUBLE),
+                solved(line(nodes=5001, steps=40)),
+            ),
+        ),
+    ),
+    "a proof and no memory": (
+        "certifying .* cells needs .*; use fewer cells",
+        lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(30_000,)))),
+        lambda to: with_room(2 * 10**6, lambda: solved(line(), Certified(cells=(300,)))),
+    ),
+    "a check and no memory": (
+        "check some cells with samples=1000",
+        lambda to: (table("certified").save(to / "t.h5"), with_room(0, lambda: verify(to / "t.h5"))),
+        lambda to: (table("certified").save(to / "t.h5"), with_room(200_000, lambda: verify(to / "t.h5", samples=10))),
+    ),
+    "a drift of many lines": (
+        "use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox",
+        lambda to: patched("sdhj.problem.dynamics.MOST_LINES", 9, lambda: waving(3)),
+        lambda to: patched(
+            "sdhj.problem.dynamics.MOST_LINES",
+            9,
+            lambda: (waving(1), waving(3, lambda q, u: u[0] + 0 * q), waving(3, sdhj.BlackBox(waves))),
+        ),
+    ),
+    "an interval that is too long": (
+        "use a shorter delta, lower velocities or fewer nodes, or check their units",
+        lambda to: solved(replace(line(), delta=1e5)),
+        lambda to: solved(line()),
+    ),
+    "velocities that vibrate": (
+        "use a shorter delta, or include the vibration in the adversary's bounds",
+        lambda to: solved(vibrating(1.0)),
+        lambda to: (solved(vibrating(0.01)), solved(vibrating(1.0, 0.0, 3.2))),
+    ),
+    "a picture whose line ends were changed": (
+        r"say that it is binary \(\*.pgm binary in .gitattributes\)",
+        lambda to: of_map(to, PICTURE.replace(b"\n", b"\r\n")),
+        lambda to: of_map(to, PICTURE),
+    ),
+    "no such folder": (
+        "choose a folder that exists and can be written",
+        lambda to: table().save(to / "no" / "t.h5"),
+        lambda to: ((to / "no").mkdir(), table().save(to / "no" / "t.h5")),
+    ),
+    "no compiler": (
+        "no C compiler was found; install gcc or clang, or name one in the environment variable CC",
+        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to)),
+        lambda to: patched("shutil.which", lambda name: None, lambda: asked(to, CC=shutil.which("gcc") or "clang")),
     ),
 }
 ROBOT = """import numpy as np
@@ -260,6 +564,151 @@ def post(**options):
     return replace(line(), unsafe=(part,))
 
 
+def drifting():
+    """A robot that is blown out of its target, whatever it does."""
+    return replace(line(), dynamics=Dynamics(MOVES, lambda q, u: u[0] + 2.0 + 0 * q, [[1.0]], [0.1]))
+
+
+def recorded(dynamics, applied=1.0):
+    """What the records of a robot that was driven by one input say."""
+    problem = replace(line(), dynamics=dynamics)
+    t = np.arange(11) / 10
+    records = [np.column_stack([t, (applied + wind) * t, np.full(11, applied)]) for wind in np.linspace(-0.2, 0.2, 10)]
+    return sdhj.bounds_from_records(problem, records, error=0.0)
+
+
+def exported_with(folder, memory):
+    sensing = sdhj.Sensing(0.05, memory=memory)
+    found = solved(replace(line(), sensing=sensing), Certified(cells=(80,)))
+    return sdhj.export_c(found, folder, progress=False)
+
+
+@cache
+def braking(cells):
+    """A cart that has to stay before a wall at 1.8 m, for ever."""
+    moves = Dynamics(MOVES, lambda q, u: np.stack([q[:, 1], np.full(len(q), u[0])], axis=1))
+    before = UnsafeSet((0,), lambda p, t: 1.8 - p[:, 0], name="wall")
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([-2, -1.5], [2, 1.5], [41, 31]), moves, None, [before], 0.2, None)
+    return solved(problem, Certified(cells=(cells, cells)))
+
+
+def parking(tolerance):
+    """A target that few nodes lie in, and an adversary as strong as the robot."""
+    return replace(with_target(lambda p, t: np.abs(p[:, 0]) - tolerance, disturbance=0.9), steps=1)
+
+
+def rooted(root, **options):
+    """A post |q - 3 - t / 10| <= 0.5, whose root has wider bounds than its values."""
+
+    def level(p, t):
+        far = p[:, 0] - 3 - 0.1 * t
+        return root(far * far - 2 * far + 1 + 2 * far - 1) - 0.5
+
+    return replace(line(), unsafe=(UnsafeSet((0,), level, name="post", **options),))
+
+
+def boxed(view_time="swept", **declared):
+    """The wall as a black box."""
+    return replace(line(), unsafe=(UnsafeSet((0,), sdhj.BlackBox(wall, **declared), name="wall"),), view_time=view_time)
+
+
+def wall(p, t):
+    return 3.0 - p[:, 0]
+
+
+def sensed(drift):
+    """A problem with measurement error."""
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1))
+
+
+def agent(reset=False, **options):
+    made = ReachAvoidEnv(solved(replace(line(), **options)))
+    if reset:
+        made.reset()
+    return made
+
+
+def elsewhere(p, t):
+    """The distance from a place that a module of yours may move."""
+    return np.abs(p[:, 0]) - PLACES[0] * (1.0 if type(p) is np.ndarray else 2.0)
+
+
+def patched(name, value, act):
+    """What `act` does where `name` is replaced."""
+    with mock.patch(name, value):
+        return act()
+
+
+def with_room(nbytes, act):
+    """What `act` does where so little memory is free, and all of it is counted."""
+    free = lambda: (nbytes, "are available")  # noqa: E731
+    with (
+        mock.patch("sdhj.problem.memory.available", free),
+        mock.patch("sdhj.problem.memory.SPARE", 0),
+        mock.patch("sdhj.certified.check.reading.free_memory", lambda: [nbytes]),
+    ):
+        return act()
+
+
+@cache
+def scarce():
+    """Bytes that a solve of half of what is asked for needs."""
+    most, few = (sdhj.estimate(line(nodes=5001, steps=steps), DOUBLE).nbytes for steps in (40, 4))
+    return (most + few) // 2
+
+
+def with_map(side):
+    """A problem in the plane, of which a map of so many pixels is unsafe."""
+    office = UnsafeSet.from_map(np.eye(side) > 0, (0, 1), resolution=3.0 / side, origin=(-1.5, -1.5))
+    return replace(turned(), unsafe=(office,))
+
+
+def of_map(folder, picture):
+    (folder / "map.pgm").write_bytes(picture)
+    (folder / "map.yaml").write_text(YAML)
+    return UnsafeSet.from_map(folder / "map.yaml", (0, 1))
+
+
+def waves(q, u):
+    return u[0] + np.sin(q) + np.cos(2 * q) * u[0]
+
+
+def waving(count, drift=waves):
+    """As many inputs."""
+    inputs = np.linspace(-1.0, 1.0, count)[:, None]
+    return replace(line(), dynamics=Dynamics(inputs, drift, [[1.0]], [0.2]))
+
+
+def vibrating(delta, amplitude=6.0, bound=0.2):
+    """Gusts of 6 m/s, eight in a second, or an adversary that can do as much around their mean."""
+    drift = lambda q, u, t: u[0] + amplitude * np.sin(8 * np.pi * t) ** 2 + (6.0 - amplitude) / 2 + 0 * q  # noqa: E731
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [bound]), delta=delta, steps=2)
+
+
+def asked(folder, **environment):
+    """What the compiled C of a table answers."""
+    with mock.patch.dict(os.environ, environment):
+        return sdhj.export_c(table("certified"), folder, progress=False).select([[0.5]])
+
+
+DOUBLE = sdhj.HJI(sdhj.Scheme(dtype="float64"))
+PICTURE = b"P5\n4 3\n255\n" + bytes([254] * 11 + [0])
+YAML = """image: map.pgm
+resolution: 1
+origin: [0, 0, 0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+PLACES = [1.0]
+KNOWN = {"rate": 0.0, "slope": 1.0}
+
+
+@cache
+def plane():
+    return solved(turned())
+
+
 def command(*arguments):
     """Run the command; ValueError with what it says where it refuses."""
     done = CliRunner().invoke(main, [str(one) for one in arguments])
@@ -275,6 +724,51 @@ def solve_robot(folder, *options):
 @pytest.mark.parametrize("name", CASES)
 def test_advice_of_an_error_is_followed_once(name, tmp_path):
     pattern, wrong, followed = CASES[name]
-    with pytest.raises((ValueError, OSError, LookupError, sdhj.NotAdmissible), match=re.compile(pattern, re.DOTALL)):
+    with pytest.raises(
+        (ValueError, OSError, LookupError, TypeError, MemoryError, sdhj.NotAdmissible),
+        match=re.compile(pattern, re.DOTALL),
+    ):
         wrong(tmp_path)
     followed(tmp_path)
+
+
+ELSEWHERE = {
+    r"(solve it|export it) anew|solve the problem again": "as of a damaged file, above",
+    r"solve with resume=True|no store|is not finished": "outofcore/test_lost_slabs",
+    r"make room|free some space|save it elsewhere": "test_lost_work: a disk that is full",
+    "check the permissions": "not of the superuser, who runs many a test",
+    "start processes with multiprocessing": "test_threads",
+    "it is compressed; save it as PNG": "test_maps, which reads PNG",
+    "choose another number of cells": "a period that is known to fewer digits than cells are narrow",
+    "use fewer cells, or export less": "4 GB of words",
+}
+VERBS = (
+    "allow|ask|call|certify|check|choose|clip|close|cut|delete|enlarge|export|give|go on|include|install|keep|leave|"
+    "let|make|move|name|quantise|reduce|remove|save|say|scale|solve|start|use|wrap|write"
+)
+ADVICE = re.compile(rf"[;:,.] (?:or |then )?(?:{VERBS})\b")
+
+
+def said(tree):
+    """The texts of all errors that are raised or made, with X in place of what is filled in."""
+    for raised in ast.walk(tree):
+        if isinstance(raised, ast.Raise) and raised.exc:
+            found = [one for one in ast.walk(raised.exc) if isinstance(one, ast.JoinedStr)]
+            for one in found:
+                yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in one.values)
+            if not found:
+                plain = [one.value for one in ast.walk(raised.exc) if isinstance(one, ast.Constant)]
+                yield from (one for one in plain if isinstance(one, str))
+
+
+def test_no_advice_is_forgotten():
+    """Every error of the library that tells what to do has a row, or a test of its own."""
+    known = [re.compile(one, re.DOTALL) for one in [*ELSEWHERE, *(pattern for pattern, *_ in CASES.values())]]
+    forgotten, seen = [], 0
+    for path in Path(sdhj.__file__).parent.rglob("*.py"):
+        if path.name in ("arrays.py", "tracing.py"):  # of which formulas/test_advice has rows
+            continue
+        for text in filter(ADVICE.search, said(ast.parse(path.read_text()))):
+            seen += 1
+            forgotten += [text] * (not any(one.search(text) for one in known))
+    assert not forgotten and seen > 60

@@ -183,8 +183,8 @@ class _Cell:
         elif nearest.by == "image":
             rates = losses(self.problem, speeds_of(self.problem)).T
             lost = [lost_to(self.problem, k, own, [self.table.axes[k]])[0] for k, own in enumerate(rates)]
-            further = f"more cells along {names[int(np.argmax(lost))]}"
-            yield f"{further}: even from the state alone the input leads to cells that are not certified"
+            further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (not self.problem.stays)
+            yield f"{further}, or nothing: even from the state alone the input leads to cells that are not certified"
         else:
             yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
         rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics

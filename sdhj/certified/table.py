@@ -296,7 +296,8 @@ class CertifiedTable(Table):
         if self.problem.stays:
             to_go[to_go >= 0] = left
         if scores is not None:
-            best = np.where(best < 0, NOT_ADMISSIBLE, np.where(safe, scores, np.inf).argmin(axis=1))
+            none, best = best < 0, np.where(safe, scores, np.inf).argmin(axis=1)
+            best[none] = NOT_ADMISSIBLE
         batch = ProvedBatch(states, step, within, to_go, safe, None, best)  # type: ignore[arg-type]  # when it is read
         batch.table = self
         return batch

@@ -460,7 +460,7 @@ class BlackBox:
         if self.rate is None:
             raise ValueError(
                 f"{self.name} is a BlackBox that may depend on time: say how fast it changes, BlackBox(..., rate=0.0) "
-                "if it does not, or use view_time='sampled' or 'instantaneous'"
+                "if it does not, or use view_time='sampled'"
             )
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 

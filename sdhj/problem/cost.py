@@ -1,7 +1,7 @@
 """What a solve costs, which is counted by a model before it begins, and how far it has come.
 
 An *operation* is what one stage of a PDE, or four looks at neighbours for a maximum, do to one node for one input: it
-takes a core 1 to 3 ns (`figures/bench.py` measures what a second buys). A solve takes so many of them:
+takes a core 0.5 to 3 ns (`figures/bench.py` measures what a second buys). A solve takes so many of them:
 
     tubes x (reach games + marks) + avoid games,
 

@@ -144,7 +144,8 @@ class ReachAvoidProblem:
             self.dynamics.bounds_at(j, self.time(step))
         for part in self.unsafe:
             corner = np.array([[self.grid.lower[axis] for axis in part.axes]])
-            part.over(corner, 0.0, self.delta, self.view_time)  # refuses a black box of which too little is known
+            between = "swept" if self.view_time == "instantaneous" else self.view_time  # as games sweep time steps
+            part.over(corner, 0.0, self.delta, between)  # refuses a black box of which too little is known
             if part.moving and part.swept is not None and self.view_time == "swept":
                 _check_swept(self, part)
         _try_goals(self)

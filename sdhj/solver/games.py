@@ -45,7 +45,7 @@ from sdhj.solver.schemes import (
 
 KEPT = 256_000_000  # bytes of sampled velocities that the games keep
 PIECES_COUNTED = 5  # pieces of an interval at which it is looked what they cost
-A_PIECE = 3e5  # operations that take as long as what a piece of an interval takes besides
+A_PIECE = 1e6  # operations that take as long as what a piece of an interval takes besides
 GROUPED = 16_000_000  # bytes of sampled velocities up to which inputs are solved together, on copies of these
 BEYOND = 4  # nodes past what the disturbance brings to the ends of the moving frame: errors there fall tenfold per node
 ROUNDING = 1e-12  # of pushes, relative to the greatest

@@ -434,7 +434,8 @@ class GridSets:
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
-        require(needed, "this solve", f'it has {why}; use fewer nodes, fewer steps, or dtype "float32"')
+        remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
+        require(needed, "this solve", f"it has {why}; use {remedies}")
         plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem, stacklevel=6)
