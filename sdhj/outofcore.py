@@ -4,7 +4,6 @@ Within one interval nothing travels farther than the differences of all its time
 as many nodes beside it, its *halo*, is solved alone (`sdhj.solver.slabs`), here or by the workers of a Dask cluster.
 """
 
-import copy
 import importlib
 import json
 import math
@@ -23,15 +22,14 @@ import numpy as np
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import whole
 from sdhj.problem.cost import Meter, begin
-from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem, arrays_of
 from sdhj.solver.avoid import dangers
-from sdhj.solver.games import KEPT, HJIGames
+from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of
 from sdhj.solver.recursion import PROCESS, GridSets, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
-from sdhj.solver.slabs import AvoidGame, Plan, Task, around, in_slabs, reach_halo, time_steps
+from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
 from sdhj.table.store import STORE_FORMAT, Store, StoredTable, create, free_name, load_stored, opened_store, room_for
 
@@ -148,10 +146,7 @@ def planned(
     Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
     vector loops of the kernels otherwise than those of the whole grid.
     """
-    some = copy.copy(problem)  # with the unsafe sets that fit into memory on the axes that they depend on
-    kept = tuple(part for part in problem.unsafe if problem.grid.subgrid(part.axes).size <= LOOKED_AT)
-    some.__dict__.update(unsafe=kept)
-    check_resolution(some, stacklevel=4)
+    check_resolution(problem, stacklevel=4, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
     axis, width = cut or (0, shape[0])
     plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, found)), axis, width)  # in one piece: without a halo
@@ -180,23 +175,9 @@ def planned(
 
 def task_bytes(plan: Plan) -> int:
     """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
-    problem, dynamics, layout = plan.problem, plan.problem.dynamics, plan.layout
+    problem, layout = plan.problem, plan.layout
     item, count = np.dtype(plan.dtype).itemsize, len(problem.inputs)
-    reaching = plan.make(problem)
-
-    def played(window: Grid) -> int:
-        """The games of one input on a window: what is sampled, stages with their ghost nodes, shifted copies."""
-        arrays = 12 if isinstance(reaching, HJIGames) else window.ndim + 4  # maxima over the first axes are kept
-        most = window.sampling_bytes + arrays * item * window.size
-        if not dynamics.stateless:
-            whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(range(window.ndim))
-            each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
-            velocities = each * window.ndim * window.size
-            most += velocities + min(KEPT, count * velocities)
-            most += item * window.ndim * (3 + dynamics.adversaries) * window.size
-        return most
-
-    middle = (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
+    reaching, middle = plan.make(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
     windows, tubes = [plan.window(middle)[0]], 0
     if isinstance(reaching, HJIGames) and reaching.shifted:
         windows[0] = windows[0].continued(reaching.around[1])
@@ -209,7 +190,9 @@ def task_bytes(plan: Plan) -> int:
                 grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
-    return max(map(played, windows)) + 2 * tubes + written  # a tube of several games is there twice
+    differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept
+    played = (bytes_of_games(problem, one, plan.dtype, 12 if differences else one.ndim + 4) for one in windows)
+    return max(played) + 2 * tubes + written  # a tube of several games is there twice
 
 
 # ---- which problem it is

@@ -24,6 +24,14 @@ A_LOOK = 0.25  # of an operation: what a look at a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
+def nodes_read(cells: float) -> int:
+    """Nodes to each side that a shift by up to c cells, or a maximum over a box of them, reads; 0 where nothing moves.
+
+    That is floor(c) + 2, the last of them for the limited second difference.
+    """
+    return math.floor(cells + 1e-9) + 2 if cells else 0
+
+
 @lru_cache(maxsize=256)  # a recursion needs the same few intervals hundreds of times
 def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None

@@ -283,11 +283,6 @@ class Interval:
 
     # ---- on the grid: velocity sets for the games
 
-    @property
-    def sampling_bytes(self) -> int:
-        """Bytes that the velocities under one input take while they are sampled on the whole grid."""
-        return 8 * self.grid.ndim * (2 * self.dynamics.adversaries + 6) * self.grid.size
-
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
         """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
         read = [axis for axis in seen if formula.reads[0, axis]]

@@ -5,9 +5,8 @@ of step k. Where these have, to the last bit, the values that they had in an ear
 and method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
 in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
 
-A stage of the Runge-Kutta scheme reads, along one axis at a time, as many nodes to each side as its order is; a shift
-by c cells, or a maximum over a box of them, floor(c) + 2. So what differs spreads by that much, and in the moving
-frame, whose PDE was kept, only as far as its solution does differ.
+What differs spreads as far as a stage of the Runge-Kutta scheme reads (`Scheme.reads`), and shifts and maxima over
+boxes do (`nodes_read`); in the moving frame, whose PDE was kept, only as far as its solution does differ.
 """
 
 import math
@@ -21,6 +20,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
+from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 
@@ -103,7 +103,7 @@ def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArra
 def carried_on(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
     """The planes that read a marked one in a maximum over boxes that lead so many cells along each axis."""
     for axis in range(planes.ndim):
-        planes = _beside(grid, planes, axis, math.floor(cells[axis] + 1e-9) + 2 if cells[axis] else 0)
+        planes = _beside(grid, planes, axis, nodes_read(cells[axis]))
     return planes
 
 

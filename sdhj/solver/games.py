@@ -22,7 +22,6 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
-from sdhj.kernels.stages import REACH
 from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, maxima, operations, out_of_danger
 from sdhj.problem.cost import CALL, tick
@@ -33,7 +32,6 @@ from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.former import Patch, carried_on, spread
 from sdhj.solver.hopf_lax import maximum_over_paths
 from sdhj.solver.schemes import (
-    STAGES,
     Scheme,
     Scratch,
     arranged_bytes,
@@ -328,7 +326,8 @@ class HJIGames(_OnAxes):
             steps = self.steps(self.axes, step)
         else:
             steps = still.steps(self.around[0], self.duration, self.scheme.cfl)
-        return min(self.scheme.order, REACH), steps * len(STAGES[self.scheme.integrator])
+        nodes, stages = self.scheme.reads
+        return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
         """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
@@ -355,7 +354,7 @@ class HJIGames(_OnAxes):
             more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
-        return len(STAGES[self.scheme.integrator]) * (sum(steps) * grid.size + calls * CALL) + more
+        return self.scheme.reads[1] * (sum(steps) * grid.size + calls * CALL) + more
 
     def _shifts(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima]:
         """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.

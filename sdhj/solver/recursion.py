@@ -12,6 +12,7 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,9 +26,9 @@ from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
 from sdhj.solver.avoid import dangers, never_felt, tube_of
 from sdhj.solver.former import Former, Patch
-from sdhj.solver.games import KEPT, Axes, Games, Pieces, in_eights, past_ends
+from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
-from sdhj.solver.slabs import AvoidGame, Plan, Task, read_window
+from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, read_window
 from sdhj.table.batches import Table
 from sdhj.table.store import Memory
 from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
@@ -124,31 +125,20 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
     It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
     """
-    grid, count, item = problem.grid, len(problem.inputs), np.dtype(dtype).itemsize
-    tubes = LookupTable.rooms(problem) if problem.steps else 3  # without a number of steps `extend` checks each
-    table = tubes * grid.size * (item + -(-count // 8))
-
-    found = dangers(problem)
-
-    def avoid(moving: bool) -> int:
-        axes = {axis for danger in found if danger.moves == moving for axis in danger.axes}
-        return item * count * grid.subgrid(sorted(axes)).size * (problem.most_steps if moving else 1) if axes else 0
-
-    sampled, dynamics = grid.sampling_bytes, problem.dynamics
-    kept = count if problem.sensing.jitter else 0  # the reach sets of all inputs, while an interval may end
+    grid, count, dynamics, found = problem.grid, len(problem.inputs), problem.dynamics, dangers(problem)
+    layout = Plan(problem, HJIGames, dtype, tuple(map(AvoidGame, found))).layout
+    if problem.steps is None:  # `extend` checks each
+        layout = replace(layout, tubes=3)
+    past, times = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim, 1
     # a game of avoiding the ends of an axis is played on a grid that is as much wider as an interval leads
-    wide = max([0, *(danger.problem.grid.size for danger in found if danger.problem is not problem)])
-    past = past_ends(problem, range(grid.ndim)) if dynamics.constant else (0,) * grid.ndim
-    most = max(grid.continued(past).size, wide)
-    solved = (12 + kept) * item * most + item * count * wide  # stages with their ghost nodes, copies
-    if not dynamics.stateless:  # the velocities of one input at a time
-        velocities, times = problem.interval(0).sampling_bytes, 1
-        if dynamics.timed:  # of an interval at a time, at each of its time steps
-            speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
-            times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
-        sampled += velocities + min(KEPT, count * times * velocities)
-        solved += item * grid.ndim * (3 + dynamics.adversaries) * max(grid.size, wide)
-    return PROCESS + table + avoid(False) + avoid(True) + sampled + solved
+    wide = [danger.problem.grid for danger in found if danger.problem is not problem]
+    copied = np.dtype(dtype).itemsize * count * max([0, *(one.size for one in wide)])
+    if dynamics.timed and not dynamics.stateless:  # of an interval at a time, at each of its time steps
+        speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
+        times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
+    arrays = 12 + (count if problem.sensing.jitter else 0)  # the reach sets of all inputs, while an interval may end
+    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.continued(past), *wide))
+    return PROCESS + layout.nbytes + copied + max(played)
 
 
 def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
@@ -285,13 +275,11 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
             joint = getattr(plan.whole, "joint", False) and not problem.grid.has("unsafe")
             plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
-    begin, end = layout.span(task.slab)
     static, moving = (
         arrays.read(name, place, layout.runs(name, task.slab))
         for name, place in (("avoid_static", 0), ("avoid_moving", task.step))
     )
-    slab = problem.grid.stretch(layout.axis, begin, end - begin)
-    return InputRows(slab, AvoidTubes(axes[0], static, axes[1], moving[None])), 0
+    return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 
 
 def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
@@ -306,9 +294,8 @@ def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
 
 def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
     """The target minus the unsafe sets, on one slab; nothing is marked."""
-    problem, layout = plan.problem, plan.layout
-    begin, end = layout.span(task.slab)
-    part = problem.on(problem.grid.stretch(layout.axis, begin, end - begin))
+    problem = plan.problem
+    part = problem.on(plan.slab(task.slab))
     tube, mask = arrays.room(task.written)
     tube[...] = shrunk(part, part.goal(task.step))
     return [tube, mask]
@@ -358,26 +345,21 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
     Returns of each game, too, whether any node is in danger.
     """
     problem, layout, kept = plan.problem.rimmed, plan.layout, plan.layout.axes(task.kind)
-    begin, end = layout.span(task.slab)
-    nodes = [end - begin if axis == layout.axis and layout.slabs > 1 else problem.grid.shape[axis] for axis in kept]
-    (total,), felt = arrays.room(task.written), list[bool]()
-    if total.shape[1:] != tuple(nodes):  # with a rim
-        total = np.empty((layout.inputs, *nodes), plan.dtype)
+    grid = problem.grid if layout.slabs == 1 else plan.slab(task.slab)
+    (total,), felt, shape = arrays.room(task.written), list[bool](), (layout.inputs, *(grid.shape[i] for i in kept))
+    if total.shape != shape:  # with a rim
+        total = np.empty(shape, plan.dtype)
     keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
     for game in plan.avoid[task.kind]:
         danger = game.danger
         games, inside = plan.play_avoid(game, task.slab)
         found = tube_of(games, danger, inside, task.step, keeps)
+        first = not felt
         felt.append(bool(found.max() > 0))
-        if (
-            len(felt) == 1
-            and not keeps
-            and found.flags.carray
-            and (found.shape, found.dtype) == (total.shape, total.dtype)
-        ):
+        if first and not keeps and found.flags.carray and (found.shape, found.dtype) == (shape, total.dtype):
             total = found
             continue
-        at, first = [kept.index(i) for i in danger.axes], len(felt) == 1
+        at = [kept.index(i) for i in danger.axes]
         for out, tube in zip(total, found, strict=True):
             lifted = np.expand_dims(tube, [i for i in range(len(kept)) if i not in at])
             np.maximum(lifted if first else out, lifted, out=out)

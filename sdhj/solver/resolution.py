@@ -6,6 +6,7 @@ as everywhere.) The change of a level-set function from node to node bounds its 
 not exclude a hidden part, the least value in the cell is searched for.
 """
 
+import math
 import warnings
 from functools import lru_cache
 from itertools import permutations, product
@@ -38,12 +39,12 @@ class ResolutionWarning(UserWarning):
     """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost."""
 
 
-def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2, most: float = math.inf) -> None:
     """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
-    what is no function of angles (`check_seams`)."""
+    what is no function of angles (`check_seams`). Sets on more nodes than `most` are not sampled."""
     check_seams(problem, stacklevel + 1)
     for part in problem.unsafe:
-        if part.sampling == "cell":
+        if part.sampling == "cell" or problem.grid.subgrid(part.axes).size > most:
             continue
         known = FOUND.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
         for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist():

@@ -107,6 +107,11 @@ class Scheme(Options):
         if not real or not 0.0 < cfl <= 1.0:
             raise ValueError(f"cfl must be a number in (0, 1], got {reprlib.repr(cfl)}: a larger step is unstable")
 
+    @property
+    def reads(self) -> tuple[int, int]:
+        """How many nodes to each side a stage reads, along one axis at a time, and how many stages a time step has."""
+        return min(self.order, REACH), len(STAGES[self.integrator])
+
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
     """How many cells are crossed along each axis in `duration` at speeds (ndim,); ValueError above `MOST_STEPS`."""
@@ -359,7 +364,7 @@ def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: Flo
     if planes is None:
         return repeat(layout)
     found = list[Layout]()
-    for _ in range(steps * len(STAGES[scheme.integrator])):
+    for _ in range(steps * scheme.reads[1]):
         found.append(layout._replace(planes=np.flatnonzero(planes)))
         planes = spread(grid, planes, layout.ghosts, 1)
     return reversed(found)

@@ -20,14 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.stages import REACH
+from sdhj.kernels.compiling import FEW
+from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
-from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames
-from sdhj.solver.schemes import STAGES
+from sdhj.solver.games import KEPT, Axes, Games, HJIGames, HopfLaxGames
 from sdhj.table.store import Arrays, Runs, Shapes, Slab
-from sdhj.table.table import LookupTable
 
 
 class AvoidGame(NamedTuple):
@@ -70,17 +69,19 @@ class Plan:
     @cached_property
     def layout(self) -> Shapes:
         """The arrays of the table."""
-        problem, shape = self.problem, self.problem.grid.shape
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
-        width, tubes = self.width or shape[self.axis], LookupTable.rooms(problem)
-        inputs, steps = len(problem.inputs), problem.most_steps
-        return Shapes(shape, inputs, tubes, steps, self.dtype, self.axis, width, ascending)
+        width = self.width or self.problem.grid.shape[self.axis]
+        return Shapes.of(self.problem, self.dtype, self.axis, width, ascending)
 
     @cached_property
     def whole(self) -> Any:
         """The games of the only slab, which are not sampled each time."""
         return self.make(self.problem.rimmed)
+
+    def slab(self, number: int) -> Grid:
+        """A slab without its halo."""
+        return around(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
 
     def window(self, number: int) -> tuple[Grid, slice]:
         """A slab with its halo, and where in it the slab is."""
@@ -131,12 +132,7 @@ class Task(NamedTuple):
 
 def depth(scheme: Any) -> int:
     """Nodes that a time step of a scheme reads to each side."""
-    return min(scheme.order, REACH) * len(STAGES[scheme.integrator])
-
-
-def crossed(cells: float) -> int:
-    """Nodes that a shift by up to so many cells reads to each side; none where nothing moves."""
-    return math.floor(cells + 1e-9) + 2 if cells else 0
+    return math.prod(scheme.reads)
 
 
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
@@ -157,12 +153,12 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     """Nodes beside a slab that `games.reach` needs."""
     problem = games.problem
     if isinstance(games, HopfLaxGames):
-        return crossed(float(games.cells[axis]))
+        return nodes_read(float(games.cells[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(depth(games.scheme) * steps, crossed(float(games.brought[axis]) / spacing))
-        return reached + crossed(float(drift) * games.duration / spacing)
+        reached = max(depth(games.scheme) * steps, nodes_read(float(games.brought[axis]) / spacing))
+        return reached + nodes_read(float(drift) * games.duration / spacing)
     return depth(games.scheme) * _most(games, games.axes, counted)
 
 
@@ -170,7 +166,7 @@ def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -
     """Nodes beside a slab that `games.avoid` needs, on some axes."""
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
-        return crossed(float(speed) * games.duration / games.problem.grid.spacing[axis])
+        return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis])
     return depth(games.scheme) * _most(games, axes, counted)
 
 
@@ -198,6 +194,25 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
     if end - begin >= n:
         begin, end = 0, n
     return grid.stretch(axis, begin % n, end - begin), slice(span[0] - begin, span[1] - begin)
+
+
+def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: int = 12, times: int = 1) -> int:
+    """Bytes that the games of one interval on some grid take at their peak, from above.
+
+    That is what is sampled, stages with their ghost nodes and shifted copies, so many arrays of the grid's size; and
+    velocities that depend on the state, which are kept for all inputs, at so many times, as far as they may; on small
+    grids all inputs are then solved at once (`HJIGames.groups`). Never is more stated for a smaller grid.
+    """
+    dynamics, axes, item, count = problem.dynamics, range(grid.ndim), np.dtype(dtype).itemsize, len(problem.inputs)
+    found = grid.sampling_bytes + arrays * item * grid.size
+    if not dynamics.stateless:
+        whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
+        each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+        velocities = each * grid.ndim * grid.size
+        found += velocities + min(KEPT, count * times * velocities)
+        at_once = min(count * grid.size, max(grid.size, count * FEW))
+        found += item * (grid.ndim * (3 + dynamics.adversaries) * at_once + arrays * (at_once - grid.size))
+    return found
 
 
 def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:

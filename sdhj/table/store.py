@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -51,6 +51,17 @@ STORE_FORMAT = 3
 NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
 ENTERED = re.compile("(tubes|avoid_static|avoid_moving) ([0-9]{1,9}) ([0-9]{1,9}) ([0-9a-f]{64})")  # of the ledger
 Runs = Sequence[tuple[int, int]]
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """What goes wrong in reading a store, or a file of one, becomes TableFileError."""
+    try:
+        yield
+    except TableFileError:
+        raise
+    except (OSError, LookupError, ArithmeticError, AttributeError, ValueError, TypeError) as error:
+        raise TableFileError(f"{path} is missing, damaged or of another store ({error}); solve it anew") from error
 
 
 class Slab(NamedTuple):
@@ -77,6 +88,12 @@ class Shapes:
     axis: int
     width: int
     avoid_axes: Mapping[str, tuple[int, ...]]  # of avoid_static and avoid_moving
+
+    @classmethod
+    def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
+        """Those of a problem's table; the rest is from `dtype` on."""
+        tubes, steps = LookupTable.rooms(problem), problem.most_steps
+        return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 
     @property
     def slabs(self) -> int:
@@ -236,17 +253,14 @@ class Store(Arrays):
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
         file, expected = self.file(array), self.layout.whole(array)
-        try:
-            with open(file, "rb") as stream:
-                np.lib.format.read_magic(stream)
-                shape, fortran, kind = np.lib.format.read_array_header_1_0(stream)
-                begin = stream.tell()
+        with readable(file), open(file, "rb") as stream:
+            np.lib.format.read_magic(stream)
+            shape, fortran, kind = np.lib.format.read_array_header_1_0(stream)
             if fortran or kind != self.layout.kind(array) or shape[1:] != expected[1:] or shape[0] > expected[0]:
                 raise ValueError(f"it is {kind} of {shape}, and this store has {self.layout.kind(array)} of {expected}")
+            begin: int = stream.tell()
             if file.stat().st_size < begin + math.prod(shape) * kind.itemsize:
                 raise ValueError("it is cut short")
-        except (OSError, ValueError, TypeError) as error:
-            raise TableFileError(f"{file} is missing, damaged or of another store ({error}); solve it anew") from error
         return begin, shape
 
     def block(self, array: str, place: int) -> FloatArray:
@@ -271,14 +285,12 @@ class Store(Arrays):
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
         """What of a slab lies in one piece, and where in the file."""
-        layout, block = self.layout, self.layout.block(array)
-        first, cut = slab.number * layout.width, len(layout.lead(array))
-        cut += layout.axes(array).index(layout.axis) if layout.slabs_of(array) > 1 else -cut
-        n, behind = block[cut], math.prod(block[cut + 1 :]) * values.itemsize
-        before, first = (math.prod(block[:cut]), first) if layout.slabs_of(array) > 1 else (1, 0)
-        begin = self.begins[array] + slab.place * math.prod(block) * values.itemsize + first * behind
-        for number, row in enumerate(np.ascontiguousarray(values).reshape(before, -1)):
-            yield begin + number * n * behind, row
+        block = self.layout.block(array)
+        runs = [*((0, n) for n in self.layout.lead(array)), *self.layout.runs(array, slab.number)]
+        cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
+        first = slab.place * math.prod(block) + runs[cut][0] * math.prod(block[cut + 1 :])
+        for number, row in enumerate(np.ascontiguousarray(values).reshape(math.prod(block[:cut]), -1)):
+            yield self.begins[array] + (first + number * math.prod(block[cut:])) * row.itemsize, row
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -295,10 +307,8 @@ class Store(Arrays):
     @cached_property
     def entered(self) -> dict[Slab, str]:
         """The digests of the finished slabs, as the ledger has them; of a line that was cut short nothing."""
-        try:
-            lines = (self.path / "ledger").read_text(encoding="ascii", errors="replace").splitlines()
-        except OSError as error:
-            raise TableFileError(f"the ledger of {self.path} cannot be read ({error}); solve it anew") from error
+        with readable(file := self.path / "ledger"):
+            lines = file.read_text(encoding="ascii", errors="replace").splitlines()
         found = {Slab(line[1], int(line[2]), int(line[3])): line[4] for line in map(ENTERED.fullmatch, lines) if line}
         possible = set(self.layout.slabs_with(self.layout.tubes))
         return {slab: digest for slab, digest in found.items() if slab in possible}
@@ -349,12 +359,8 @@ class Store(Arrays):
             with replaced_whole(self.path / "index") as file:
                 file.write_text(sealed_text({"index": index.tolist(), "details": dict(details)}, self.seal))
 
-    def whole(self, array: str) -> FloatArray:
-        """As `Arrays.whole`, to be read."""
-        return self.mapped(array, "", None)
-
-    def mapped(self, array: str, kinds: str, shape: Lengths | None) -> FloatArray:
-        """An array as `files.stored` reads it, but mapped: read-only, of the type of those in memory."""
+    def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
+        """As `Arrays.whole`, and as `files.stored` reads it, but mapped: read-only, of the type of those in memory."""
         if not self.layout.axes(array):
             return np.full(self.layout.whole(array), -np.inf, self.layout.dtype)
         begin, found = self._header(array)
@@ -389,22 +395,11 @@ def load_stored(path: Named, problem: ReachAvoidProblem | None = None, check: bo
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
     told = _unsealed(store.path / "index", store.seal)[0]
     with readable(store.path):
-        found = StoredTable.of_arrays(head, store.mapped, np.array(told["index"], dtype=np.int64), problem)
+        found = StoredTable.of_arrays(head, store.whole, np.array(told["index"], dtype=np.int64), problem)
     if check:
         store.check(list(store.layout.slabs_with(len(found.tubes))))
     object.__setattr__(found, "path", store.path)
     return found
-
-
-@contextmanager
-def readable(path: Path) -> Iterator[None]:
-    """What goes wrong in reading what a store tells becomes TableFileError."""
-    try:
-        yield
-    except TableFileError:
-        raise
-    except (OSError, LookupError, ArithmeticError, AttributeError, ValueError, TypeError) as error:
-        raise TableFileError(f"{path} is no store of a table that can be read ({error}); solve it anew") from error
 
 
 def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
@@ -443,8 +438,7 @@ def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
     option("dtype", head["dtype"], ("float32", "float64"))
     names = NAMES[2:]
     axes = {name: ascending_axes(head["avoid_axes"][name.removeprefix("avoid_")], name, problem.grid) for name in names}
-    steps, tubes = problem.most_steps, LookupTable.rooms(problem)
-    return Shapes(shape, len(problem.inputs), tubes, steps, head["dtype"], axis, width, axes)
+    return Shapes.of(problem, head["dtype"], axis, width, axes)
 
 
 def functions_of(path: Path) -> dict[str, FloatArray]:
@@ -458,7 +452,6 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 
     FileExistsError if there is one. Returns its seal.
     """
-    free_name(path)
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
     try:
@@ -485,7 +478,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
     """Let a file be an array with so many tubes; what is not written yet takes no room on the disk."""
     shape, kind = layout.whole(array), layout.kind(array)
-    shape = (tubes, *shape[1:]) if array in Slab("tubes", 0, 0).arrays else shape
+    shape = (tubes, *shape[1:]) if array in NAMES[:2] else shape
     about = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(stream, about)  # as long for each number of tubes
     stream.truncate(stream.tell() + math.prod(shape) * kind.itemsize)
@@ -499,13 +492,11 @@ def sealed_text(told: Mapping[str, Any], seal: str = "") -> str:
 
 def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
     """What a file of `sealed_text` tells, and the digest that it begins with; TableFileError if it is another."""
-    try:
+    with readable(file):
         text = file.read_text()
         told = json.loads(text.partition("\n")[2])
         if sealed_text(told, seal) != text:
             raise ValueError("its digest is another")
-    except (OSError, ValueError, TypeError) as error:
-        raise TableFileError(f"{file} is damaged or of another store ({error}); solve it anew") from error
     return told, text.partition("\n")[0]
 
 

@@ -33,14 +33,14 @@ def test_slabs_are_shared_out(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setitem(stored.MAKERS, "case study", lambda nodes: sdhj.arm_case_study(nodes, steps=2))
-    options = ["--nodes", "9", "--method", "lax", "--memory", "69000000", "--workers", "1", "--repeats", "1"]
+    options = ["--nodes", "9", "--method", "lax", "--memory", "1900000", "--workers", "1", "--repeats", "1"]
     done = CliRunner().invoke(stored.main, ["--robot", "case study", *options])
     assert done.exit_code == 0, done.output
     told = dict(zip(*map(cells, done.stdout.splitlines()[::2]), strict=True))
     slabs, number = int(told["slabs"]), r"(-?\d+) (?:ms|kB|MB)"
     assert slabs > 1 and int(told["tasks"]) == (6 + 1 + 2) * slabs  # tubes, avoid tubes of the column and of the disk
-    sizes = [float(re.fullmatch(number, told[name])[1]) for name in ("sent a task", "read", "written")]
-    assert 1 < sizes[0] < 100 and sizes[1] >= sizes[2] >= 0
+    sizes = [float(re.fullmatch(number, told[name])[1]) for name in ("sent a task", "written")]
+    assert 1 < sizes[0] < 100 and sizes[1] < 20
     assert not list(tmp_path.iterdir())
 
 
@@ -54,7 +54,7 @@ def test_of_each_way_the_fastest_is_compared(monkeypatch):
 def test_three_ways_solve_and_leave_nothing(tmp_path, monkeypatch):
     written, taken = [], iter([1.0, 3.0, 5.0])
 
-    def timed(call, *args, **options):
+    def timed(call, *args, clock, **options):
         call(*args, **options)
         written.append([path.name for folder in tmp_path.iterdir() for path in folder.iterdir()])
         return next(taken), None

@@ -270,7 +270,9 @@ def test_a_store_that_tells_something_else(problem, store):
     whole = told.read_text()
     for text in (whole.replace("delta", "Delta", 1), whole[: len(whole) // 2], ""):
         told.write_text(text)
-        with pytest.raises(sdhj.TableFileError, match=r"t/head is damaged or of another store .*; solve it anew"):
+        with pytest.raises(
+            sdhj.TableFileError, match=r"t/head is missing, damaged or of another store .*; solve it anew"
+        ):
             sdhj.load(store, problem=problem)
     told.write_text(whole)
     np.save(store / "tubes.npy", np.load(store / "tubes.npy").astype(np.float64))
