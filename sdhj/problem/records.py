@@ -44,10 +44,10 @@ from sdhj.problem.problem import ReachAvoidProblem, carried
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.steepness import rates
 
-ROUNDS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
-SAME = 1e-6  # an input of the problem and one of a record, relative to the largest
+CORRECTIONS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
+SAME_INPUT = 1e-6  # an input of the problem and one of a record, relative to the largest
 LARGEST = 5  # peaks from which a bound is found
-HALVINGS = 60
+BISECTIONS = 60
 STRIDES = 4  # Runge-Kutta steps of order 4 in a sample
 INTEGRATED = 1e-6  # of an axis: how exact they are taken to be
 
@@ -146,6 +146,7 @@ def bounds_from_records(
     ...     grid=sdhj.Grid([-4.0], [4.0], [81]),
     ...     dynamics=sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.0]),
     ...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
+    ...     unsafe=[],
     ...     delta=0.1,
     ...     steps=5,
     ... )
@@ -168,20 +169,8 @@ def bounds_from_records(
     tables = [_table(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
     if len(tables) < 2:
         raise ValueError(f"two records or more are needed, got {len(tables)}")
-    miss, seen = (1 - confidence) / (D + (0 if error is not None else ndim)), tables  # for each bound that is found
-    if better is not None:
-        seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
-        if [len(one) for one in seen] != [len(one) for one in tables]:
-            raise ValueError("better must have a record for each of records, with as many rows")
-        pairs = zip(tables, seen, strict=True)
-        misses = [np.abs(_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
-        known = _above(np.array(misses), miss)
-    elif rest is not None:
-        still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
-        off = _apart(problem, still, still[:1])
-        known = (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
-    else:
-        known = np.zeros(ndim) + np.array(Sensing(error).error)
+    miss = (1 - confidence) / (D + (0 if error is not None else ndim))  # for each bound that is found
+    seen, known = _measured(problem, tables, miss, error, rest, better)
     slack = np.zeros(ndim) if better is not None else known
     pushes, blur, beyond = _pushes(
         problem, [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)], slack
@@ -213,11 +202,30 @@ def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
-    for _ in range(HALVINGS if count > quantities else 0):
+    for _ in range(BISECTIONS if count > quantities else 0):
         eps = (low + high) / 2
         tail = sum(comb(count, i) * eps**i * (1 - eps) ** (count - i) for i in range(quantities))
         low, high = (eps, high) if tail > 1 - confidence else (low, eps)
     return high
+
+
+def _measured(
+    problem: ReachAvoidProblem, tables: list[FloatArray], miss: float, error: Any, rest: Any, better: Any
+) -> tuple[list[FloatArray], FloatArray]:
+    """The records whose states are nearest the true ones, and the bound on the error of `tables`, (ndim,)."""
+    ndim = problem.grid.ndim
+    if better is not None:
+        seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
+        if [len(one) for one in seen] != [len(one) for one in tables]:
+            raise ValueError("better must have a record for each of records, with as many rows")
+        pairs = zip(tables, seen, strict=True)
+        misses = [np.abs(_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
+        return seen, _above(np.array(misses), miss)
+    if rest is not None:
+        still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
+        off = _apart(problem, still, still[:1])
+        return tables, (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
+    return tables, np.zeros(ndim) + np.array(Sensing(error).error)
 
 
 def _above(values: FloatArray, miss: float) -> FloatArray:
@@ -264,14 +272,14 @@ def _pushes(
         interval = problem.interval(min(max(round(t / problem.delta), 0), problem.steps - 1) if timed else 0)
         gain[rows] = interval.gain(states[rows], inputs[rows], t)
         inverse = np.linalg.pinv(gain[rows])
-        for _ in range(ROUNDS):
+        for _ in range(CORRECTIONS):
             ends = _flow(interval, states[rows], inputs[rows], v[rows], t, spans[rows])
             left[rows] = _apart(problem, after[rows, 1 : 1 + ndim], ends)
             v[rows] += np.einsum("mdi,mi->md", inverse, left[rows]) / spans[rows]
     inverse, longest = np.linalg.pinv(gain), float(spans.max())
     slope, _, jumps = rates(problem.grid, problem.dynamics, float(times.max()), longest)
     blur = error + carried(slope, jumps, error, longest)
-    told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME
+    told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME_INPUT
     beyond = np.abs(left) - np.abs(np.eye(ndim) - gain @ inverse) @ blur
     small = INTEGRATED * (np.array(problem.grid.upper) - problem.grid.lower)
     return np.where(told, np.abs(v), -np.inf), np.abs(inverse) @ blur / spans, np.where(beyond > small, beyond, 0.0)
@@ -280,7 +288,7 @@ def _pushes(
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
     """Which of the problem's inputs was given, (T,)."""
     apart = np.abs(given[:, None] - problem.inputs).max(axis=2)
-    if (odd := apart.min(axis=1) > SAME * max(1.0, np.abs(problem.inputs).max())).any():
+    if (odd := apart.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
             f"the records have the input {given[odd][0].tolist()}, which is none of the problem's; make the "
             "problem with the inputs that were recorded"

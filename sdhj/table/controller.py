@@ -23,7 +23,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
-KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
+DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
 
 
 class NotAdmissible(ValueError):
@@ -205,8 +205,8 @@ class Controller:
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
         negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
         ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
-        keeps a reserve of `RESERVE` cells and the share `KEPT` of the depth that the deepest safe input has; if none
-        does, "deepest" decides.
+        keeps a reserve of `RESERVE` cells and the share `DEPTH_KEPT` of the depth that the deepest safe input has;
+        if none does, "deepest" decides.
 
     Raises
     ------
@@ -499,7 +499,7 @@ class Controller:
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
         ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that the deepest
-        safe input has by the game's value (`Batch.game`), the share `KEPT`; else it is that of rule "deepest".
+        safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule "deepest".
 
         Parameters
         ----------
@@ -590,12 +590,12 @@ class Controller:
         """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen.
 
         The reserve is a distance, and lasts until its very last step; what is left of the depth says how much room
-        there still is to turn aside. An input keeps it if value <= KEPT * (the least value of the safe inputs).
+        there still is to turn aside. An input keeps it if value <= DEPTH_KEPT * (the least value of the safe inputs).
         """
         if batch.game is None:
             return scores
         deepest = np.min(batch.game, axis=1, initial=np.inf, where=batch.safe, keepdims=True)
-        return np.where((batch.margins <= -RESERVE) & (batch.game <= KEPT * deepest), scores, otherwise)
+        return np.where((batch.margins <= -RESERVE) & (batch.game <= DEPTH_KEPT * deepest), scores, otherwise)
 
     def checked(self, batch: Batch) -> FloatArray:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
