@@ -231,7 +231,7 @@ def info(table: Path) -> None:
     much = f"{len(head['inputs'])} inputs, view-time {head['view_time']}"
     click.echo(f"  {steps} steps of {head['delta']:g} s{lasting}, {much}")
     if head["sensing"]:
-        click.echo("  sensing: " + ", ".join(f"{name} {value}" for name, value in vars(head["sensing"]).items()))
+        click.echo("  sensing: " + ", ".join(f"{name} {value}" for name, value in head["sensing"].told.items()))
     click.echo(f"  details: {json.dumps(head['details'], sort_keys=True)}")
     click.echo(f"  problem digest: {head['digest']}")
     for line in mathematics:

@@ -23,7 +23,6 @@ from sdhj import Certified, Controller, Dynamics, TargetSet, UnsafeSet
 from sdhj.certified.check import verify
 from sdhj.certified.labels import labels
 from sdhj.cli import main
-from sdhj.simulation.environment import ReachAvoidEnv
 
 MOVES = [[-1.0], [0.0], [1.0]]
 
@@ -622,7 +621,8 @@ def sensed(drift):
 
 
 def agent(reset=False, **options):
-    made = ReachAvoidEnv(solved(replace(line(), **options)))
+    environment = pytest.importorskip("sdhj.simulation.environment", exc_type=ImportError)
+    made = environment.ReachAvoidEnv(solved(replace(line(), **options)))
     if reset:
         made.reset()
     return made

@@ -217,7 +217,7 @@ def test_a_runner_who_flees_straight_ahead_is_not_caught(runner: Any, monkeypatc
     unpromised.append(0)
     assert robot.lost(answer, near, 80) == (0, 0)
     unpromised.append(0)
-    monkeypatch.setattr(sdhj.table.controller, "KEPT", -np.inf)
+    monkeypatch.setattr(sdhj.table.controller, "DEPTH_KEPT", -np.inf)
     robot.lost(answer, near, 80)
     assert unpromised[1] < 0.2 * unpromised[2], unpromised
 
@@ -375,7 +375,7 @@ def test_the_solve_says_what_it_saw(runner: Any, stopped: Any, monkeypatch: pyte
     assert found["lost"] > 20
     assert re.search(r"from a commander who keeps far from the boundary, .* collided with caught", str(said[2].message))
     monkeypatch.setattr(sdhj.table.controller, "RESERVE", 0.0)
-    monkeypatch.setattr(sdhj.table.controller, "KEPT", -np.inf)
+    monkeypatch.setattr(sdhj.table.controller, "DEPTH_KEPT", -np.inf)
     with pytest.warns(ResolutionWarning, match=r"behind its filter.* went off the grid past the end of x1"):
         found = judged_at_the_end(stopped[1], 1)["played"]
     assert "behind the filter" in next(iter(found["ways"]))

@@ -1,6 +1,7 @@
 """Theorem 2 and the look-up table: against a slow twin, closed forms, published fractions, and as the grid refines."""
 
 import dataclasses
+import gc
 import warnings
 
 import naive
@@ -307,3 +308,15 @@ def test_an_unsafe_set_between_the_nodes_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sdhj.solve(dataclasses.replace(problem, unsafe=(wide,)), "lax", progress=False)
+
+
+@pytest.mark.parametrize("method", ["hji", "projected", "lax"])
+def test_a_table_is_freed_with_its_last_name(method: str) -> None:
+    """Without the collector: else two tables are in memory where a solve is repeated."""
+    gc.collect()
+    gc.disable()
+    try:
+        sdhj.solve(sdhj.arm_case_study(nodes=9), method, progress=False, play=False)
+        assert not [one for one in gc.get_objects() if isinstance(one, sdhj.solver.recursion.GridSets)]
+    finally:
+        gc.enable()

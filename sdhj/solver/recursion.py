@@ -416,7 +416,7 @@ class GridSets:
         self.plan, self.arrays = plan, Memory(plan.layout) if arrays is None else arrays
         patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
         self.former = former if patches else None
-        self.run = run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
+        self.run = run  # none of its own, which would know `self`: the table would stay until garbage is collected
         self._avoid_tubes()
         self.table = self.arrays.table(problem, method, LookupTable.places(problem))
         self.shared, self.filled, self.changing = 0, 0, 1.0
@@ -469,7 +469,8 @@ class GridSets:
         todo = [one for one in tasks if not self.arrays.there(one.written)]
         self.tick(len(tasks) - len(todo))
         found = []
-        for done, felt, digest in self.run(todo):
+        run = self.run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
+        for done, felt, digest in run(todo):
             self.arrays.enter(done.written, digest)
             found.append(felt)
             self.tick(1)

@@ -217,15 +217,16 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
 
 def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
     """Part of an array at the nodes of a window, around periodic ends too."""
-    whole = getattr(window, "whole", window).shape
-
-    def around_ends(runs: Runs) -> FloatArray:
-        for axis, (begin, end) in enumerate(runs):
-            if end > whole[axis]:
-                parts = ((begin, whole[axis]), (0, end - whole[axis]))
-                found = [around_ends([*runs[:axis], part, *runs[axis + 1 :]]) for part in parts]
-                return np.concatenate(found, axis=axis - len(runs))
-        return arrays.read(array, place, runs)
-
     first = getattr(window, "first", (0,) * window.ndim)
-    return around_ends([(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)])
+    runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
+    return _around_ends(arrays, array, place, runs, getattr(window, "whole", window).shape)
+
+
+def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
+    for axis, (begin, end) in enumerate(runs):
+        if end > whole[axis]:
+            parts = ((begin, whole[axis]), (0, end - whole[axis]))
+            cut = [[*runs[:axis], part, *runs[axis + 1 :]] for part in parts]
+            found = [_around_ends(arrays, array, place, one, whole) for one in cut]
+            return np.concatenate(found, axis=axis - len(runs))
+    return arrays.read(array, place, runs)

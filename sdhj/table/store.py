@@ -189,15 +189,10 @@ class Memory(Arrays):
 
     def __init__(self, layout: Shapes) -> None:
         self.layout, self.arrays = layout, dict[str, FloatArray]()
-        for array in NAMES:
-            make = np.zeros if array == "masks" else np.empty
-            self.arrays[array] = make(layout.whole(array), layout.kind(array))
-            if not layout.axes(array):
-                self.arrays[array].fill(-np.inf)
 
     def block(self, array: str, place: int) -> FloatArray:
         """As `Arrays.block`."""
-        found: FloatArray = self.arrays[array].reshape(-1, *self.layout.block(array))[place]
+        found: FloatArray = self.whole(array).reshape(-1, *self.layout.block(array))[place]
         return found
 
     def room(self, slab: Slab) -> list[FloatArray]:
@@ -212,7 +207,7 @@ class Memory(Arrays):
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
         """Keep the arrays of a slab. Returns what `enter` is to be given."""
         for array, one in zip(slab.arrays, values, strict=True):
-            if (one.shape, one.dtype) == (self.arrays[array].shape, self.arrays[array].dtype):
+            if (one.shape, one.dtype) == (self.layout.whole(array), self.layout.kind(array)):
                 self.arrays[array] = one  # to copy all avoid tubes would take as long as a game
                 continue
             runs = self.layout.runs(array, slab.number)
@@ -225,7 +220,12 @@ class Memory(Arrays):
         """Note that a slab is finished."""
 
     def whole(self, array: str) -> FloatArray:
-        """As `Arrays.whole`."""
+        """As `Arrays.whole`; made when first asked for, so that it may take the memory that games before it had."""
+        if array not in self.arrays:
+            make = np.zeros if array == "masks" else np.empty
+            self.arrays[array] = make(self.layout.whole(array), self.layout.kind(array))
+            if not self.layout.axes(array):
+                self.arrays[array].fill(-np.inf)
         return self.arrays[array]
 
 

@@ -32,5 +32,6 @@ def arm_world() -> Callable[..., World]:
 
 @pytest.fixture
 def recipe() -> Any:
-    """How the small case study is made."""
-    return sdhj.arm_case_study(**SMALL).recipe
+    """How the small case study is made, a copy that a test may change."""
+    made = sdhj.arm_case_study(**SMALL).recipe
+    return {name: dict(one) if isinstance(one, dict) else one for name, one in made.items()}

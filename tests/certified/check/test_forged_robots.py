@@ -664,7 +664,7 @@ def test_the_list_of_obligations_is_true():
     assert len(names) > 35 and set(names) <= FORGERIES.keys()
     tests = {
         name
-        for path in Path(__file__).parents[1].rglob("test_*.py")
+        for path in Path(__file__).parents[2].rglob("test_*.py")
         for name in re.findall(r"def (test_\w+)", path.read_text(encoding="utf-8"))
     }
     assert set(re.findall(r"\btest_\w+(?!\w|\.py)", text)) <= tests
