@@ -66,7 +66,7 @@ FALSE = {
     "cells that are not alike": (IMAGES, "own[place] |= axis.periodic and", "own[place] |= False and", "ring", COVER),
     "walls that a state leaves again": (
         IMAGES,
-        'own[place] |= not is_steady(problem, place) and "wall"',
+        'own[place] |= not steady and "wall"',
         'own[place] |= False and "wall"',
         "walled",
         COVER,
