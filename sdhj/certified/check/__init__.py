@@ -62,7 +62,7 @@ def verify(
     path : path
     problem : ReachAvoidProblem, optional
         Of a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
-        else is in the file.
+        else is in the file, and is not compared with the problem: `sdhj.load(path, problem=...)` does that first.
     samples : int or None
         How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
         own: how many cells; bounds on its functions are then compared with Arb's arithmetic, too, where python-flint is
