@@ -12,7 +12,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 from sdhj import HJI, HopfLax, Projected, Scheme
 from sdhj.solver.games import HJIGames, HopfLaxGames
-from sdhj.solver.recursion import recursion
+from sdhj.solver.recursion import GridSets, recursion
 
 FIXED = Scheme(frame="fixed")
 LINEAR = HopfLax("linear")
@@ -317,6 +317,6 @@ def test_a_table_is_freed_with_its_last_name(method: str) -> None:
     gc.disable()
     try:
         sdhj.solve(sdhj.arm_case_study(nodes=9), method, progress=False, play=False)
-        assert not [one for one in gc.get_objects() if isinstance(one, sdhj.solver.recursion.GridSets)]
+        assert not [one for one in gc.get_objects() if type(one) is GridSets]
     finally:
         gc.enable()
