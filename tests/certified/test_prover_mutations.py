@@ -350,11 +350,12 @@ FALSE = {
     ),
     # sets
     "every cell of an image": (STENCILS, "at[axis] < number[axis]:", "at[axis] < number[axis] - 1:", "cart", NEARER),
-    "the last cells of a row": (
+    "the last cells of a row": (STENCILS, "(word, begin, end)", "(word, begin, begin + 1)", "cart", NEARER),
+    "the last cells of a long row": (
         STENCILS,
         "has_bits(block, begin, min(end, whole))",
         "has_bits(block, begin, begin + 1)",
-        "cart",
+        "rail",
         NEARER,
     ),
     "past an upper end by a cell": (STENCILS, "begin > count and", "begin >= count and", "out to the right", NEARER),
