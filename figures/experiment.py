@@ -210,8 +210,8 @@ class Evidence:
     def __str__(self) -> str:
         (e1, e2), count = self.error, len(self.peaks)
         return (
-            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {1e3 * lever(self.error):.1f} mm"
-            f"; with 95% confidence at most {chance(count, 2):.2%} of records drawn like these {count} exceed it"
+            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {1e3 * lever(self.error):.1f} mm\n"
+            f"with 95% confidence at most {chance(count, 2):.2%} of records drawn like these {count} exceed it"
         )
 
 
@@ -285,9 +285,10 @@ class Played:
 
     def __str__(self) -> str:
         told = ", ".join(f"{self.count(one)} {one}" for one in OUTCOMES[1:5])
+        apart = f"e exceeded in {self.exceeded} runs" if self.error.any() else "e ignored"
         return (
-            f"{self.lost} of {len(self.outcomes)} runs lost ({told}); closest {1e3 * self.closest.min():.1f} mm; "
-            f"e {f'exceeded in {self.exceeded} runs' if self.error.any() else 'ignored'}, "
+            f"{self.lost} of {len(self.outcomes)} runs lost ({told})\n"
+            f"closest {1e3 * self.closest.min():.1f} mm; {apart}, "
             f"largest {', '.join(f'{peak:.4f}' for peak in self.peaks.max(axis=0))} rad"
         )
 
