@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import warnings
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -45,46 +46,41 @@ def plane(delta=0.25, steps=2, turning=False, timed=False, moving=False, nodes=2
 FIXED = sdhj.HJI(sdhj.Scheme(frame="fixed"))
 
 
+@pytest.fixture
+def done(monkeypatch):
+    """Counts of the updates of nodes and of the calls of the kernel, where it is called, by what it is given."""
+    counts, kernel = Counter(), schemes.stage
+
+    def counted(phi, out, wall, velocities, order, flux, layout, step):
+        counts.update(updates=phi.shape[0] * layout.near.shape[0] * layout.rows * layout.nodes, calls=1)
+        return kernel(phi, out, wall, velocities, order, flux, layout, step)
+
+    monkeypatch.setattr(schemes, "stage", counted)
+    return counts
+
+
 @pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
 @pytest.mark.parametrize("kind", ["constant", "turning", "timed", "moving"])
 @pytest.mark.parametrize("method", [FIXED, sdhj.Projected(inner=FIXED), sdhj.HJI(games="joint")])  # no shifts
-def test_updates_of_nodes_are_those_that_were_stated(monkeypatch, kind, method):
-    """Counted where the kernel is called, by what it is given; less the tubes that are shared."""
+def test_updates_of_nodes_are_those_that_were_stated(done, kind, method):
+    """Less the tubes that are shared."""
     problem = plane(**{kind: True} if kind != "constant" else {}, steps=3)
-    updates, calls = 0, 0
-
-    def counted(phi, out, wall, velocities, order, flux, layout, step):
-        nonlocal updates, calls
-        updates, calls = updates + phi.shape[0] * layout.near.shape[0] * layout.rows * layout.nodes, calls + 1
-        return kernel(phi, out, wall, velocities, order, flux, layout, step)
-
-    kernel = schemes.stage
-    monkeypatch.setattr(schemes, "stage", counted)
     stated = sdhj.estimate(problem, method)
-    assert updates == 0  # nothing is solved
+    assert not done  # nothing is solved
     table = sdhj.solve(problem, method, progress=False, play=False)
     solved = stated.tubes - table.details["tubes_shared"]
     each = (stated.operations - stated.once) / stated.tubes - len(problem.inputs) * problem.grid.size
-    assert stated.once + solved * each == pytest.approx(updates + calls * CALL, rel=1e-6)
+    assert stated.once + solved * each == pytest.approx(done["updates"] + done["calls"] * CALL, rel=1e-6)
 
 
 @pytest.mark.parametrize("bounds", [[0.1, 0.1], [0.9, 1.7]], ids=["below a cell", "some cells"])
-def test_cost_of_the_moving_frame_is_that_of_one_equation_and_a_shift_for_each_input(monkeypatch, bounds):
-    """Updates and calls counted where the kernel is called; the shifts as four looks at nodes each, a quarter apiece.
+def test_cost_of_the_moving_frame_is_that_of_one_equation_and_a_shift_for_each_input(done, bounds):
+    """The shifts as four looks at nodes each, a quarter apiece.
 
     Along the first axis the five inputs have three shifts, along the second five; the maximum over what the disturbance
     reaches, if that is a cell or more, looks at the nodes between its ends too.
     """
     problem = replace(plane(steps=3, bounds=bounds), unsafe=())
-    updates, calls = 0, 0
-
-    def counted(phi, out, wall, velocities, order, flux, layout, step):
-        nonlocal updates, calls
-        updates, calls = updates + phi.shape[0] * layout.near.shape[0] * layout.rows * layout.nodes, calls + 1
-        return kernel(phi, out, wall, velocities, order, flux, layout, step)
-
-    kernel = schemes.stage
-    monkeypatch.setattr(schemes, "stage", counted)
     stated = sdhj.estimate(problem)
     table = sdhj.solve(problem, progress=False, play=False)
     solved = stated.tubes - table.details["tubes_shared"]
@@ -93,8 +89,8 @@ def test_cost_of_the_moving_frame_is_that_of_one_equation_and_a_shift_for_each_i
     cells = 0.25 * np.array(bounds) / problem.grid.spacing  # that the disturbance pushes, to either side
     reached = sum(4 + 2 * c if c >= 1 else 4 for c in cells) if (cells >= 1).any() else 0
     looks = solved * used.around[0].size * (4 * (3 + 5) + reached)
-    assert used.shifted and updates > 0
-    assert stated.once + solved * each == pytest.approx(updates + calls * CALL + looks / 4, rel=1e-3)
+    assert used.shifted and done["updates"] > 0
+    assert stated.once + solved * each == pytest.approx(done["updates"] + done["calls"] * CALL + looks / 4, rel=1e-3)
 
 
 @pytest.mark.parametrize("moving", [False, True])

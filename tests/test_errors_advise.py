@@ -125,7 +125,7 @@ CASES = {
     "resume without a store": (
         "apply to a store only; give one, for example store='table",
         lambda to: solved(line(), resume=True),
-        lambda to: solved(line(), resume=True, store=to / "table.zarr"),
+        lambda to: solved(line(), resume=True, store=to / "table.store"),
     ),
     "no step where time matters": (
         r"the answer depends on time: give the step, for example select\(q, step=0\)",
@@ -164,12 +164,12 @@ CASES = {
     ),
     "a store that exists": (
         "exists already; go on with it by resume=True, remove it, or choose another name",
-        lambda to: (solved(line(), store=to / "one.zarr"), solved(line(), store=to / "one.zarr")),
+        lambda to: (solved(line(), store=to / "one.store"), solved(line(), store=to / "one.store")),
         lambda to: (
-            solved(line(), store=to / "one.zarr", resume=True),
-            solved(line(), store=to / "two.zarr"),
-            shutil.rmtree(to / "one.zarr"),
-            solved(line(), store=to / "one.zarr"),
+            solved(line(), store=to / "one.store", resume=True),
+            solved(line(), store=to / "two.store"),
+            shutil.rmtree(to / "one.store"),
+            solved(line(), store=to / "one.store"),
         ),
     ),
     "a grid table for a robot": (
@@ -414,15 +414,15 @@ CASES = {
     ),
     "a store and steps": (
         "leave store= out to solve in memory",
-        lambda to: solved(replace(line(), steps=None), store=to / "t.zarr"),
+        lambda to: solved(replace(line(), steps=None), store=to / "t.store"),
         lambda to: solved(replace(line(), steps=None)),
     ),
     "too little memory for a store": (
         "give more as memory=, or use fewer nodes",
-        lambda to: solved(line(nodes=401), store=to / "t.zarr", memory=1000),
+        lambda to: solved(line(nodes=401), store=to / "t.store", memory=1000),
         lambda to: (
-            solved(line(nodes=401), store=to / "t.zarr", memory=10**8),
-            solved(line(nodes=81), store=to / "u.zarr", memory=10**8),
+            solved(line(nodes=401), store=to / "t.store", memory=10**8),
+            solved(line(nodes=81), store=to / "u.store", memory=10**8),
         ),
     ),
     "safe ends and a target": (
