@@ -208,9 +208,9 @@ class Evidence:
         return np.ceil(self.peaks.max(axis=0) / ROUNDED) * ROUNDED
 
     def __str__(self) -> str:
-        (e1, e2), count = self.error, len(self.peaks)
+        (e1, e2), count, thicker = self.error, len(self.peaks), 1e3 * lever(self.error)
         return (
-            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {1e3 * lever(self.error):.1f} mm\n"
+            f"motors of {self.motors.torque:g} N m: e = {e1:.4f}, {e2:.4f} rad, lever {thicker:.1f} mm\n"
             f"with 95% confidence at most {chance(count, 2):.2%} of records drawn like these {count} exceed it"
         )
 
