@@ -122,7 +122,8 @@ def resolve(
     two axes in which no tube that they follow from has changed. Nothing is taken by the methods "projected",
     "certified" and games="joint", and of tables that are of another method, are certified, stored or loaded, or came
     from another process; avoid tubes only with `Sensing` or safe ends of the grid; of black boxes never anything.
-    Unsafe sets whose avoid tubes are taken are not warned of again for being in nobody's way.
+    Unsafe sets whose avoid tubes are taken are not warned of again for being in nobody's way, nor axes and a target
+    for being unusual where all but the unsafe sets is as it was.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def resolve(
     most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
     if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
         former = Former(table, problem, chosen, dangers(table.problem.rimmed))
-    for message in () if former and former.alike else suspicions(problem):
+    for message in () if former and former.alike and former.same_target else suspicions(problem):
         warnings.warn(message, ResolutionWarning, stacklevel=2)
     started = time.perf_counter()
     with announced(progress):

@@ -211,3 +211,24 @@ def test_maxima_over_boxes_carry_as_far_as_said():
         found = [next(maximum_over_boxes(grid, one, -corner, corner, "limited"))[1] for one in (values, other)]
         here = np.arange(20) == place
         assert not (differing(*found) & ~carried_on(grid, here, np.array([2.3, 0.4, 0.0]))).any()
+
+
+def test_a_target_whose_sign_is_turned_is_told():
+    """As `solve` does; where only an obstacle moved nothing is said again."""
+
+    def seen(sign, x=0.0):
+        return sdhj.ReachAvoidProblem(
+            grid=sdhj.Grid([-2, -2], [2, 2], [21, 21]),
+            dynamics=sdhj.Dynamics([[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0]], np.eye(2), [0.1, 0.1]),
+            target=sdhj.TargetSet((0, 1), lambda p, t: sign * (np.hypot(p[:, 0], p[:, 1]) - 0.8)),
+            unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - x, p[:, 1] + 1.5) - 0.4)],
+            delta=0.25,
+            steps=2,
+        )
+
+    table = sdhj.solve(seen(1.0), progress=False, play=False)
+    with pytest.warns(UserWarning, match="turn the sign"):
+        turned = sdhj.resolve(table, seen(-1.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sdhj.resolve(turned, seen(-1.0, 0.2))

@@ -181,6 +181,9 @@ class Former:
         self.table, self.problem, was = table, problem, table.problem
         self.kept: Kept = table.reusable
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
+        self.same_target = was.stays == problem.stays and (
+            problem.stays or meaning_of_set(was.target) == meaning_of_set(problem.target)
+        )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
         self.has_rows = self.alike and was.stays == problem.stays and not (was.stays and table.details.get("endless"))
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
