@@ -254,7 +254,7 @@ def test_samples_and_seed_that_make_no_sense_are_refused(saved):
 
 def test_cells_that_do_not_cover_are_found(recipe):
     arm = object.__new__(Arm)
-    arm.scene, arm.counts = Scene(recipe, {}), np.array([32, 32, 8, 8])
+    arm.scene, arm.counts, arm.layers = Scene(recipe, {}), np.array([32, 32, 8, 8]), [(0, 0)] * 4
     box = arm.scene.box
     fine = [(Fraction(0), PI[1] / 16, 2 * PI[0], 2 * PI[1])] * 2 + [(-box, box / 4, 2 * box, 2 * box)] * 2
     arm.axes = fine
