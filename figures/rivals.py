@@ -19,8 +19,8 @@ import sdhj
 
 # By nodes on each axis, s: the arm's 900 PDEs by hj_reachability on one H100, all 25 inputs abreast and one by one, and
 # the whole game (avoid tubes, PDEs, union and marks) by sdhj on 2 and on 16 cores of the same machine, in one run.
-# Of the commit 31532c8 of sdhj, so from before 26 November 2026; neither the day nor the versions were written down. The
-# extra `bench` asked for hj-reachability 0.7 and jax 0.10, or later.
+# Of the commit 31532c8 of sdhj, so from before 26 November 2026; neither the day nor the versions were written down.
+# The extra `bench` asked for hj-reachability 0.7 and jax 0.10, or later.
 ON_H100 = {25: (0.64, 1.07, 0.75, 0.25), 40: (5.4, 6.0, 4.7, 1.3)}
 
 

@@ -59,9 +59,7 @@ def chased(scene: Any) -> bool:
 def joints(q: Array, scene: Any) -> tuple[Array, Array]:
     """Elbow and tip of the arm at states (M, 4), both (M, 2)."""
     first, second = scene.given["lengths"]
-    relative = (
-        scene.given["kinematics"] == "relative"
-    )  # else Eq. (8) as it is printed: l1 + l2, and the angle q2 itself
+    relative = scene.given["kinematics"] == "relative"  # else Eq. (8) as printed: l1 + l2, and the angle q2
     turned, length = q[:, 1] + q[:, 0] * relative, second + first * (not relative)
     elbow = first * np.stack([np.cos(q[:, 0]), np.sin(q[:, 0])], axis=1)
     return elbow, elbow + length * np.stack([np.cos(turned), np.sin(turned)], axis=1)
