@@ -391,10 +391,10 @@ class VectorField:
         return bounds
 
     @cached_property
-    def extremes_of(self) -> list[Formula]:
+    def extremes_of(self) -> tuple[Formula, ...]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
         count = len(self.inputs)
-        return [Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count)]
+        return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
         """As `extremes`, where the disturbance enters linearly."""

@@ -135,6 +135,11 @@ class Action:
     late: float
     missed: bool
 
+    @property
+    def arrived(self) -> bool:
+        """Whether the run is over: the state is in the target or, without one, clear with no step left."""
+        return self.steps_to_go == 0
+
 
 @dataclass(frozen=True)
 class Fallback:
@@ -435,6 +440,11 @@ class Controller:
         NotAdmissible
         ValueError
             If measurement or time are invalid, if time does not increase from call to call, and after the last step.
+
+        Notes
+        -----
+        At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
+        (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
         """
         problem, steps = self.problem, self.table.steps
         most = np.inf if problem.timeless else (steps + 0.5) * problem.delta
@@ -461,10 +471,10 @@ class Controller:
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
-        if step == steps:
-            raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
         chosen, to_go = int(self.choose(batch)[0]), int(batch.steps_to_go[0])
-        if chosen == NOT_ADMISSIBLE:
+        if step == steps:
+            chosen = problem.sensing.rest
+        elif chosen == NOT_ADMISSIBLE:
             chosen = self.fallback(state, step).input if fallback else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
         self.carried = state, step
@@ -629,13 +639,13 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
     off the grid by more than its error is what is predicted.
     """
-    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
+    delay, grid = problem.sensing.delay, problem.grid.walled
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
         return np.where(off, measured, states)
-    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
+    interval, parts = problem.interval(step).walled, 1 if problem.dynamics.constant else STRIDES
     still = np.zeros((len(states), problem.dynamics.adversaries))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)
