@@ -23,6 +23,7 @@ from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
+SHIELDED = 1 / 3  # cells: what an input must keep that the filter lets pass, where not all is for ever
 DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
 
 
@@ -507,9 +508,12 @@ class Controller:
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
-        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that the deepest
-        safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule "deepest".
+        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
+        a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
+        input passes only if its margin is at most -`SHIELDED` * `Table.cell`; where none does, it is the one of least
+        margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that
+        the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule
+        "deepest".
 
         Parameters
         ----------
@@ -543,13 +547,17 @@ class Controller:
         distances = squared_distances(inputs, commands)  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
-        if self.table.game < 0:
+        if self.table.proved:
             batch = self.table.answers(states, step, self.table.steps - step, distances)
             chosen = batch.best
         else:
-            batch = self.table.answers(states, step)
-            others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
-            chosen = self.table.preferred(batch, self._reserved(batch, others, 1.0))
+            batch = self.table.answers(states, step, self.table.steps - step)
+            if batch.game is None:
+                scores = np.where(batch.margins <= -SHIELDED * self.table.cell, distances, np.inf)
+            else:
+                others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
+                scores = self._reserved(batch, others, 1.0)
+            chosen = self.table.preferred(batch, scores)
         promised = batch.promised
         if (lost := chosen == NOT_ADMISSIBLE).any():
             chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]
