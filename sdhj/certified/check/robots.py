@@ -18,6 +18,7 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -76,6 +77,12 @@ def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, dept
             good[good] = everywhere(holds, half[:, good], along, depth - 1)
     out[left] = good
     return out
+
+
+def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
+    """What is found of cells (M,), so many at a time that memory is bounded."""
+    begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
+    return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
 
 class Robot(Sets):
@@ -401,11 +408,16 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
-        sums, out = self.sums(following), np.zeros(len(numbers), np.bool_)
-        for j in range(self.low.shape[1]):
-            left = np.flatnonzero(~out)
-            out[left] = self.leads(numbers[left], step, j, sums)
-        return out
+        sums = self.sums(following)
+
+        def hold(some: Array) -> Array:
+            out = np.zeros(len(some), np.bool_)
+            for j in range(self.low.shape[1]):
+                left = np.flatnonzero(~out)
+                out[left] = self.leads(some[left], step, j, sums)
+            return out
+
+        return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
@@ -473,7 +485,7 @@ class Robot(Sets):
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
-        at, (starts, inputs, all_places, _) = self.cells(numbers) @ self.strides, self.low.shape
+        at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
         places = np.unique(at)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
@@ -529,7 +541,7 @@ class Robot(Sets):
             counted[name][0] += int(new.sum())
             counted[name][1] += numbers.size
             if not within:
-                good = self.goals_hold(numbers, step)
+                good = by_slabs(partial(self.goals_hold, step=step), numbers)
             else:
                 good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
