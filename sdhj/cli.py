@@ -418,9 +418,7 @@ def plot_command(
     """Draw the tubes of a table on a slice, or a run."""
     from sdhj import plotting
 
-    if output.suffix not in (".png", ".svg"):
-        raise ValueError(f"-o must end in .png or .svg, got {output}")
-    writable_file(output)
+    plotting.looks.writable_picture(output, (".png", ".svg"))
     read = load(table, problem=None if problem is None else user_problem(problem))
     along, through = slice_of(read.grid, axes, at)
     with plotting.style():
