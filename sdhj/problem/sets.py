@@ -20,7 +20,9 @@ from sdhj.problem.maps import map_level_set, polygon_level_set
 from sdhj.problem.tubes import table_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
-STEEP = 10.0  # factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+STEEP = (
+    10.0  # factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+)
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e15  # level-set value: beyond it squares of differences overflow in single precision
