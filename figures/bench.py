@@ -41,7 +41,8 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Velocities
 from sdhj.simulation.runs import admissible_states
 from sdhj.solver.schemes import Scheme, evolve
-from sdhj.table.controller import RULES, Controller
+from sdhj.table.controller import Controller
+from sdhj.table.rules import RULES
 
 sys.path.append(str(Path(__file__).parent / "studies"))  # the scripts are no package to install
 

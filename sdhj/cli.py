@@ -43,7 +43,7 @@ from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
-from sdhj.table.controller import RULES, Controller
+from sdhj.table.controller import Controller
 from sdhj.table.files import (
     TEMPORARIES,
     VERSION,
@@ -53,6 +53,7 @@ from sdhj.table.files import (
     replaced_whole,
     writable_file,
 )
+from sdhj.table.rules import RULES
 from sdhj.table.store import functions_of, head_of_store, is_store
 
 

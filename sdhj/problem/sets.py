@@ -1,7 +1,7 @@
 """The target L and the unsafe set G of Eq. (3), as level-set functions of some of the axes.
 
 Both are closed (Definition 5): a state is unsafe if g <= 0, and has reached the target if s <= 0 and g > 0. The samples
-of g that solvers use are negative wherever g <= 0 (`sdhj.problem.problem.closed`), so boundary nodes are unsafe.
+of g that solvers use are negative wherever g <= 0 (`sdhj.problem.nodes.closed`), so boundary nodes are unsafe.
 """
 
 import os
