@@ -13,7 +13,8 @@ from sdhj.certified import Certified
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.sensed import rollouts
 from sdhj.table.batches import Table
-from sdhj.table.controller import Controller, fallbacks
+from sdhj.table.beside import fallbacks
+from sdhj.table.controller import Controller
 
 MOST, ENDS, FASTEST = 0.5, 0.9, 0.8  # of the adversary's acceleration, m/s^2; of position, m, and speed, m/s
 
