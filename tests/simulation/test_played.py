@@ -55,6 +55,27 @@ def test_what_is_lost_is_a_warning_that_helps(solves_are_played: None, monkeypat
     assert table.details["played"]["lost"] > 0
 
 
+def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_played: None) -> None:
+    """A disturbance that moves the state farther in an interval than the target reaches: nothing is won beyond it.
+
+    The worst run starts within a grid's error of the target. Against a weaker one, which an input can make up for, the
+    advice is another; runs from within the target end where they begin, and hide the rate.
+    """
+    strong = sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [1.3])
+    problem = replace(interval_problem(unsafe=False), dynamics=strong)
+    problem = replace(problem, target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.25 * 0.5))
+    table = sdhj.solve(problem, progress=False, play=False)
+    far = replace(table, tubes=table.tubes - 0.3)  # what errors of the scheme do on a coarse grid
+    found = far.played(400)
+    assert 0 < found.outside_lost == found.lost <= found.outside < 400
+    assert f"{found.lost} of {found.outside} from outside the target" in str(found)
+    assert (
+        found.advice.startswith("From none of the states drawn outside the target") and "more nodes" not in found.advice
+    )
+    weak = replace(far.problem, dynamics=sdhj.Dynamics(strong.inputs, strong.inputs, [[1.0]], [0.6]))
+    assert not replace(far, problem=weak).played(400).advice.startswith("From none")
+
+
 def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     problem = replace(interval_problem(unsafe=False), target=None, grid=sdhj.Grid([-4.0], [4.0], [81]))
     with pytest.warns(ResolutionWarning, match="no input stays clear of .*bars.* for one interval"):
