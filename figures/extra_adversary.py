@@ -1,7 +1,7 @@
 """The stronger the adversary is, the smaller is the victory domain, until nothing is left (Sec. 6.1).
 
-Where nothing is left against the disturbance is also worked out by hand, to first order, as in chapter 14: near there the
-grid still promises what nobody can keep, and what is certified has long come to its end.
+Where nothing is left against the disturbance is also worked out by hand, to first order, as in chapter 14: near there
+the grid still promises what nobody can keep, and what is certified has long come to its end.
 """
 
 import warnings
@@ -56,7 +56,7 @@ class Sweep:
 
 
 def certified(nodes: int) -> sdhj.Certified:
-    """The method with 5/2 as many cells of a joint as there are nodes, and 3/2 as many of a coordinate of the pursuer's."""
+    """The method with 5/2 as many cells of a joint as there are nodes, 3/2 as many of the pursuer's coordinates."""
     return sdhj.Certified(cells=tuple(max(factor * nodes // 2, 8) for factor in (5, 5, 3, 3)))
 
 

@@ -32,8 +32,8 @@ EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
 MOST_CORNERS = 2**23  # numbers
 FEW = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
 HOPELESS = (
-    "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so what "
-    "is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
+    "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so "
+    "what is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
     'disturbance, a shorter delta or a larger target; method="certified" promises only what it proves'
 )
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
@@ -58,7 +58,7 @@ class Played:
 
     @property
     def alarming(self) -> bool:
-        """Whether, with 95 % confidence, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
+        """Whether, at 95 % confidence, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
         outside = score_interval(self.outside_lost, self.outside) if self.outside else (0.0, 1.0)
         return max(self.interval[0], outside[0]) > ALARMING
 

@@ -38,7 +38,7 @@ def test_a_stronger_adversary_leaves_less_until_nothing(bound):
 
 
 def test_the_disturbance_that_leaves_nothing_by_hand():
-    """The product of Jacobian and push by differences, at the places that the target takes: 1.87 rad/s of chapter 14."""
+    """The product of Jacobian and push by differences, where the target will be: 1.87 rad/s of chapter 14."""
     problem, tip = sdhj.arm_case_study(nodes=5), lambda q: np.array([np.cos(q).sum(), np.sin(q).sum()]) * 0.15
     least = []
     for k in range(1, 9):
