@@ -58,7 +58,7 @@ class Played:
 
     @property
     def alarming(self) -> bool:
-        """Whether, at 95 % confidence, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
+        """Whether, at 95 %, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
         outside = score_interval(self.outside_lost, self.outside) if self.outside else (0.0, 1.0)
         return max(self.interval[0], outside[0]) > ALARMING
 
