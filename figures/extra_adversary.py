@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
-from sdhj.solver.projections import ProjectionWarning
+from sdhj.problem.findings import ProjectionWarning
 
 MAIN_JOB = False
 BOUNDS = {
