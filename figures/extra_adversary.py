@@ -19,7 +19,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk
 from sdhj.plotting.looks import INK
-from sdhj.solver.projections import ProjectionWarning
+from sdhj.problem.findings import ProjectionWarning
 
 MAIN_JOB = False
 BOUNDS = {
