@@ -84,7 +84,7 @@ ARGUMENTS = {  # of methods that need some
 
 
 def arrays_of(name, thing, seen, depth=0):
-    """Every array, mapping and list within reach of public attributes and of what public methods return: (name, thing)."""
+    """Every array, mapping and list within reach of public attributes and of what methods return: (name, thing)."""
     if isinstance(thing, np.ndarray):
         yield name, thing
     elif isinstance(thing, Mapping):

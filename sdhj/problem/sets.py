@@ -25,8 +25,8 @@ STEEP = (
 )
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
-# Level-set value. All arithmetic on the grid is homogeneous of degree 1 in it, so that rounding hangs on no magnitude; only
-# overflow does: within a stage sums of differences of third order are at most 16 times a value, which may be `STEEP`.
+# Level-set value. All arithmetic on the grid is homogeneous of degree 1 in it, so that rounding hangs on no magnitude;
+# only overflow does: sums of differences of third order are at most 16 times a value, which may be `STEEP`.
 LARGEST = 1e36
 
 
