@@ -16,7 +16,7 @@ from sdhj.solver.recursion import GridSets, recursion
 from sdhj.solver.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
 from sdhj.table.store import Memory
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 ROUGHEST = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler", frame="fixed"))
 ROUGH = sdhj.HJI(scheme=sdhj.Scheme(integrator="euler", frame="fixed"))
 EXACT = sdhj.HJI(scheme=sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64"))
