@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import LOOK, ONLY_LOOK
 from sdhj.kernels.tape import Tape
+from sdhj.kernels.true_sets import LOOK, ONLY_LOOK
 from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
