@@ -270,7 +270,7 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """What the kernels need to know of operations for intervals: a row for each code, columns as `sdhj.kernels.tape`."""
+    """What the kernels know of operations for intervals: a row for each code, columns as in `sdhj.kernels.tape`."""
     out = np.zeros((len(rules), tape.FACTS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP

@@ -2,9 +2,9 @@
 
 Reductions and coefficients are those of fdlibm (Sun Microsystems 1993, netlib.org/fdlibm: k_sin.c, k_cos.c, e_log.c,
 s_atan.c, e_asin.c) and, for tanh, of Cephes (S. Moshier 1984, netlib.org/cephes: tanh.c); exp is a Taylor polynomial.
-NaN, and what lies outside a domain, gives NaN. `sdhj.formulas.rules` has a bound of each one's error, in
-units in the last place. Every loop over these functions vectorises: there are selections in place of branches, and integers are had from the
-bits of floats, as conversions are not in every instruction set.
+NaN, and what lies outside a domain, gives NaN. `sdhj.formulas.rules` has a bound of each one's error, in units in the
+last place. Every loop over these functions vectorises: there are selections in place of branches, and integers are had
+from the bits of floats, as conversions are not in every instruction set.
 """
 
 import math

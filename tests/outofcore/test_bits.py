@@ -11,9 +11,9 @@ from sdhj import outofcore
 from sdhj.outofcore import planned
 from sdhj.problem import grid as grid_module
 from sdhj.solver.avoid import dangers
-from sdhj.solver.methods import method_of
 from sdhj.solver.recursion import GridSets, recursion
 from sdhj.solver.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
+from sdhj.solving import method_of
 from sdhj.table.store import Memory
 
 pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
