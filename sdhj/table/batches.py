@@ -124,6 +124,8 @@ class Table:
     def __repr__(self) -> str:
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
+        if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
+            lost += f", {counts['outside_lost']} of {counts['outside']} from outside the target"
         return (
             f"<{type(self).__name__} of {problem.name!r}, method {self.method!r}: {nodes} nodes, "
             f"{len(problem.inputs)} inputs, {self.steps} steps of {problem.delta:g} s; "
