@@ -65,6 +65,37 @@ def test_the_rule_goes_as_far_to_the_right_as_is_safe(names: dict[str, Any]) -> 
     assert controller.select(states[rows[0]], 0) == chosen[rows[0]]
 
 
+def test_the_steady_rule_changes_the_input_less(names: dict[str, Any]) -> None:
+    """In simulated runs, in single queries, and in a control loop: each hands it the input before."""
+    problem, table = names["problem"], names["table"]
+    seen = list[int]()
+
+    def watched(candidates: Any) -> Any:
+        seen.extend(candidates.before.tolist())
+        return names["steady"](candidates)
+
+    def changes(rule: Any) -> int:
+        controller, total = sdhj.Controller(table, rule), 0
+        inside = problem.grid.points()[table.values(start=0, within=8).ravel() < -0.2]
+        for start in inside[::8]:
+            inputs = sdhj.simulate(controller, start, "worst", seed=0).inputs
+            total += int(np.count_nonzero(np.diff(inputs)))
+        return total
+
+    assert changes(watched) < changes("deepest") and min(seen) == -1 and max(seen) > 0
+    states = problem.grid.points()[::7]
+    batch = sdhj.Controller(table).batch(states, 0)
+    row = int(np.flatnonzero((batch.safe.sum(axis=1) >= 2) & batch.promised)[0])
+    controller = sdhj.Controller(table, names["steady"])
+    for j in np.flatnonzero(controller.checked(batch)[row]).tolist():
+        assert controller.select(states[row], 0, before=j) == j
+    first = controller.step(states[row], 0.0).input
+    again = controller.step(states[row], problem.delta)
+    assert again.input == first or first not in controller.safe_inputs(states[row], 1)
+    with pytest.raises(ValueError, match="before must be"):
+        controller.select(states[row], 0, before=len(problem.inputs))
+
+
 def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:
     assert sum(names["report"].counts.values()) == 200
     problem, controller = names["problem"], names["controller"]
