@@ -12,7 +12,12 @@ from sdhj.solving import METHODS
 from sdhj.table.rules import RULES
 
 CHOICES = {"method": METHODS, "adversary": ADVERSARIES, "rule": RULES}
-SAID = [(sdhj.solve, "method"), (sdhj.monte_carlo, "adversary"), (sdhj.simulate, "adversary"), (sdhj.Controller, "rule")]
+SAID = [
+    (sdhj.solve, "method"),
+    (sdhj.monte_carlo, "adversary"),
+    (sdhj.simulate, "adversary"),
+    (sdhj.Controller, "rule"),
+]
 
 
 def options(command):
