@@ -28,7 +28,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, Method
-from sdhj.solver.recursion import PROCESS, GridSets, cost_on_grid, recursion, work
+from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
@@ -73,8 +73,7 @@ def solve_stored(
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
 
-        named = method.name, method.on, plan.dtype, method.options
-        sets = GridSets(problem, *named, None, plan, store, runner(plan, store, client), slabs_done)
+        sets = GridSets(problem, method, None, Slabs(plan, store, runner(plan, store, client), slabs_done))
         meter.tube()
         recursion(sets, problem.steps, meter.tube)
         details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}

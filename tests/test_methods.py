@@ -42,12 +42,15 @@ class ShiftGames:
 class Shift:
     """Exact shifts on a periodic axis."""
 
-    name = "shift"
+    name, options = "shift", {"exact": True}
+
+    def on(self, problem):
+        return ShiftGames(problem)
 
     def sets(self, problem, progress=None):
         if problem.grid.ndim != 1 or not problem.grid.periodic[0]:
             raise ValueError("shift needs one periodic axis")
-        return GridSets(problem, self.name, ShiftGames, "float32", {"exact": True})
+        return GridSets(problem, self)
 
 
 def ring_problem(*, rate=0.0, steps=5):

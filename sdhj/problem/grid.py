@@ -73,7 +73,7 @@ class Grid:
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
-    unsaid: bool = field(default=False, repr=False, compare=False)  # whether neither `periodic` nor `ends` was given
+    unsaid: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
 
     def __init__(
         self,

@@ -73,7 +73,7 @@ class HJI(Options):
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
+        return GridSets(problem, self, former)
 
 
 @dataclass(frozen=True)
@@ -115,4 +115,4 @@ class HopfLax(Options):
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.dtype, self.options, former)
+        return GridSets(problem, self, former)
