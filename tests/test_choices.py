@@ -1,4 +1,4 @@
-"""What may be chosen by name follows from one record each: the command line, docstrings, errors and pages name the same."""
+"""What may be chosen by name follows from one record each: the command line, docstrings and errors name the same."""
 
 import re
 
