@@ -48,7 +48,7 @@ def run(arguments: list[str], folder: Path, **environment: str) -> str:
 
 def test_every_heading_has_code() -> None:
     sections = re.split(r"^## ", TEXT, flags=re.MULTILINE)[1:]
-    assert len(sections) == 8
+    assert len(sections) == 9
     assert all("```" in section for section in sections)
 
 
@@ -94,6 +94,13 @@ def test_the_steady_rule_changes_the_input_less(names: dict[str, Any]) -> None:
     assert again.input == first or first not in controller.safe_inputs(states[row], 1)
     with pytest.raises(ValueError, match="before must be"):
         controller.select(states[row], 0, before=len(problem.inputs))
+
+
+def test_the_new_numpy_function_is_read_and_bounded(names: dict[str, Any]) -> None:
+    wall, x = names["bent_wall"].level_set, np.linspace(-3.0, 3.0, 61)[:, None]
+    np.testing.assert_allclose(wall(x, 0.0), np.arcsinh(x[:, 0]) - 1.0, rtol=0, atol=1e-14)
+    low, high = wall.bounds(x - 0.01, x + 0.01, (0.0, 0.0))
+    assert (low <= np.arcsinh(x[:, 0]) - 1.0).all() and (np.arcsinh(x[:, 0]) - 1.0 <= high).all()
 
 
 def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:
