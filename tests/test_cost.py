@@ -15,7 +15,7 @@ import sdhj
 from sdhj.problem.cost import CALL, Meter
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.solver import games, recursion, schemes
-from sdhj.solver.methods import method_of
+from sdhj.solving import method_of
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 

@@ -77,7 +77,7 @@ class Played:
 class Commanded(Controller):
     """A controller that answers with what the filter makes of a reckless commander."""
 
-    def choose(self, batch: Batch) -> FloatArray:
+    def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
 
     def wanted(self, batch: Batch) -> FloatArray:
