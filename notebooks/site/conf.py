@@ -39,6 +39,7 @@ nb_merge_streams = True
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = True
+myst_html_meta = {"description": "Robust motion planning by sampled-data Hamilton-Jacobi reachability: library and course"}
 mathjax3_config = {"options": {"enableMenu": False}}
 suppress_warnings = ["myst.header", "mystnb.unknown_mime_type"]
 
@@ -48,8 +49,10 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 
 html_theme = "pydata_sphinx_theme"
-html_title = "sdhj: a course"
+html_title = "sdhj"
 html_static_path = ["_static"]
+html_favicon = "_static/sdhj.svg"
+templates_path = ["_templates"]
 html_css_files = ["wide.css"]
 html_js_files = ["frames.js"]
 FRAMES = Path(__file__).resolve().parent / "_static" / "frames"
@@ -59,7 +62,7 @@ html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
-    "navbar_center": [],  # the chapters stand at the left
+    "navbar_center": ["topbar"],  # the chapters stand at the left
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
