@@ -22,8 +22,9 @@ import numpy as np
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import whole
 from sdhj.problem.cost import Meter, begin
+from sdhj.problem.describing import arrays_of
 from sdhj.problem.memory import available, require
-from sdhj.problem.problem import ReachAvoidProblem, arrays_of
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of
@@ -146,7 +147,7 @@ def planned(
     Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
     vector loops of the kernels otherwise than those of the whole grid.
     """
-    check_resolution(problem, stacklevel=4, most=LOOKED_AT)
+    check_resolution(problem, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
     axis, width = cut or (0, shape[0])
     plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, found)), axis, width)  # in one piece: without a halo
