@@ -107,7 +107,7 @@ def explore_surface(tables: Mapping[str, Table]) -> Explorer:
         return {f"share of the box inside, {name}": body(name, py).share for name in tables}
 
     controls = {
-        "azimuth": played(slider("from the side (degrees)", -180, 180, 6, -58), interval=150),
+        "azimuth": played(slider("from the side (degrees)", -180, 180, 6, -60), interval=150),
         "elevation": slider("from above (degrees)", -90, 90, 6, 24),
         "py": slider("pursuer y (m)", -0.36, 0.36, 0.01, 0.24),
     }
