@@ -112,8 +112,8 @@ class Explorer:
 
     What `draw` refuses, by an exception of any kind, is told in words below the controls. The picture stays that of the
     last setting that could be drawn, turns grey, and names that setting. What a solve says that its grid does not see
-    is told beside the numbers. A value that comes back from the browser rounded is no new value. One picture is drawn at a
-    time, in whatever threads controls are moved; the setting drawn last is the newest.
+    is told beside the numbers. A value that comes back from the browser rounded is no new value. Whatever threads move
+    controls, one picture is drawn at a time, and the last one is of the newest setting.
 
     Parameters
     ----------

@@ -41,7 +41,9 @@ nb_merge_streams = True
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 myst_dmath_double_inline = True
-myst_html_meta = {"description": "Robust motion planning by sampled-data Hamilton-Jacobi reachability: library and course"}
+myst_html_meta = {
+    "description": "Robust motion planning by sampled-data Hamilton-Jacobi reachability: library and course"
+}
 mathjax3_config = {"options": {"enableMenu": False}}
 suppress_warnings = ["myst.header", "mystnb.unknown_mime_type"]
 
@@ -164,7 +166,7 @@ def put_frames(outputs: list[Any], strips: list[Any]) -> None:
 
 
 def as_figure(strip: Any) -> str:
-    """The frames of one control: a window on the strip, a button that plays it, a slider, and a table of what it says."""
+    """The frames of one control: a window on the strip, a button to play it, a slider, a table of what it says."""
     (width, height), count = strip["size"], len(strip["values"])
     at = strip["values"].index(strip["at"])
     told, label, alt = (html.escape(text) for text in (json.dumps(strip), strip["control"], strip["alt"]))

@@ -86,7 +86,9 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], li
     names: dict[str, Any] = {}
     said = []
     with contextlib.chdir(tmp_path_factory.mktemp("recipes")):
-        for code, _, shown in re.findall(r"^```python\n(.*?)^```\n(\n```text\n(.*?)^```\n)?", text, re.MULTILINE | re.DOTALL):
+        for code, _, shown in re.findall(
+            r"^```python\n(.*?)^```\n(\n```text\n(.*?)^```\n)?", text, re.MULTILINE | re.DOTALL
+        ):
             if "ReachAvoidEnv" in code and find_spec("gymnasium") is None:
                 continue
             with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -102,13 +104,15 @@ def recipes(played: tuple[dict[str, Any], list[tuple[str, str]]]) -> dict[str, A
 
 
 def test_each_recipe_prints_what_is_shown(played: tuple[dict[str, Any], list[tuple[str, str]]]) -> None:
-    """Word for word; numbers to 5 %, since another machine rounds elsewhere and draws other noise from the same seed."""
+    """Word for word; numbers to 5 %: another machine rounds elsewhere, and another NumPy may draw other noise."""
     names, said = played
     number = re.compile(r"-?\d[\d,.]*(?:e[+-]\d+)?")
     for shown, printed in said:
         assert number.sub("#", shown).split() == number.sub("#", printed).split()
         for a, b in zip(number.findall(shown), number.findall(printed), strict=True):
-            assert float(a.strip(",.").replace(",", "")) == pytest.approx(float(b.strip(",.").replace(",", "")), rel=0.05)
+            assert float(a.strip(",.").replace(",", "")) == pytest.approx(
+                float(b.strip(",.").replace(",", "")), rel=0.05
+            )
     silent = [place for place, (shown, _) in enumerate(said) if not shown]
     assert silent == [0, 4]  # the robot itself, and the picture
     assert {"office.yaml", "keep_out.pgm", "pictures/office.png"} <= set(names["files"])

@@ -88,7 +88,9 @@ def strips(path: Path) -> list[Any]:
 def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> None:
     """The first setting and what is named; and numbers that stand beside the slider's name in the text around it."""
     found, cells = strips(path), read(path).cells
-    shown = [place for place, cell in enumerate(cells) if TOOL["WIDGET"].search(cell.source) and cell.cell_type == "code"]
+    shown = [
+        place for place, cell in enumerate(cells) if TOOL["WIDGET"].search(cell.source) and cell.cell_type == "code"
+    ]
     assert [number for number, _ in itertools.groupby(strip["widget"] for strip in found)] == [
         number + 1 for number in range(len(shown))
     ]

@@ -82,7 +82,8 @@ SIDEWAYS = """() => [...document.querySelectorAll('main pre')].filter(pre => pre
 TOO_WIDE = """() => [...document.querySelectorAll('html, body *')].filter(node => {
     const style = getComputedStyle(node);
     const clips = node.tagName === 'HTML' || !['visible', 'clip'].includes(style.overflowX);
-    const may = node.closest('pre, .math, mjx-container, .pst-scrollable-table-container, .indextable, .scrolls, .frames-box');
+    const boxes = 'pre, .math, mjx-container, .pst-scrollable-table-container, .indextable, .scrolls, .frames-box';
+    const may = node.closest(boxes);
     return clips && !may && style.textOverflow !== 'ellipsis' && node.scrollWidth > node.clientWidth + 1;
 }).map(node => `${node.tagName}.${node.className}`)"""
 

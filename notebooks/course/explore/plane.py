@@ -116,7 +116,9 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
         "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": slider("start, step k", 0, 4, 1, 0),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max", process="start")
+    return Explorer(
+        draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max", process="start"
+    )
 
 
 def explore_car(table: Table) -> Explorer:

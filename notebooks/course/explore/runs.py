@@ -61,7 +61,9 @@ def explore_run(
     def idle(adversary: str, **_: Any) -> tuple[str, ...]:
         return () if adversary == "random" else ("seed",)  # the others draw nothing
 
-    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run", process="moment", motion="moment", idle=idle)
+    return Explorer(
+        draw, controls, size=(8.2, 3.7), alt="One moment of a run", process="moment", motion="moment", idle=idle
+    )
 
 
 def _closest(problem: ReachAvoidProblem, played: Any) -> FloatArray:
