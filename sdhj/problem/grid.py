@@ -148,7 +148,8 @@ class Grid:
     def require_room(self, each: int = 0) -> None:
         """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
         if self.size > SMALL:
-            require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+            what = f"to sample a grid of {' x '.join(map(str, self.shape))} nodes, before any tube,"
+            require(each * self.size or self.sampling_bytes, what)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
         """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
