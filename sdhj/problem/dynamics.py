@@ -337,7 +337,7 @@ class VectorField:
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
-        rows = [one.rows if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
+        rows = [list(one.rows if isinstance(one, Formula) else map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
@@ -392,10 +392,10 @@ class VectorField:
         return bounds
 
     @cached_property
-    def extremes_of(self) -> list[Formula]:
+    def extremes_of(self) -> tuple[Formula, ...]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
         count = len(self.inputs)
-        return [Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count)]
+        return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
         """As `extremes`, where the disturbance enters linearly."""

@@ -6,7 +6,7 @@ controller looks ahead, and the plant that the simulation integrates.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -110,6 +110,11 @@ class Interval:
     @property
     def end(self) -> float:
         return self.begin + self.delta
+
+    @cached_property
+    def walled(self) -> "Interval":
+        """The same on a grid with walls at all ends, where predictions are clipped."""
+        return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 

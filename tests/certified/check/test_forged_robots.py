@@ -238,8 +238,8 @@ MUTATIONS = {
     ),
     "moves that do not hold": (
         ROBOTS_PY,
-        "looked_at[~self.moves_hold(",
-        "asked[False & self.moves_hold(",
+        "held[own] = self.moves_hold(",
+        "held[own] = True | self.moves_hold(",
         "a stronger push",
     ),
     "every input": (ROBOTS_PY, "range(inputs))], desc", "range(2))], desc", "out by the upper end"),
