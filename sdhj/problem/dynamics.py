@@ -337,7 +337,7 @@ class VectorField:
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
-        rows = [list(one.rows if isinstance(one, Formula) else map(one.under, self.inputs)) for _, one in parts]
+        rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
