@@ -332,8 +332,9 @@ def row(name: str, table: Table, seconds: float, runs: int, seed: int) -> str:
     share = table.fraction(start=0, within=table.steps)
     counts = judged(WORKED[name], table, promised(table, runs, seed), seed)
     lost = ", ".join(f"{way} {count}" for way, count in counts.items() if way != "reached") or "none"
-    shape = table.shape if isinstance(table, CertifiedTable) else table.grid.shape  # cells that are asked for are aligned
-    told = name, table.method, " x ".join(map(str, shape)), f"{seconds:.0f}", f"{share:.4f}", f"{counts.total():,}", lost
+    own = table.shape if isinstance(table, CertifiedTable) else table.grid.shape  # cells that are asked for are aligned
+    shape = " x ".join(map(str, own))
+    told = name, table.method, shape, f"{seconds:.0f}", f"{share:.4f}", f"{counts.total():,}", lost
     return f"| {' | '.join(told)} |"
 
 
