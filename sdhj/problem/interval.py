@@ -21,6 +21,7 @@ from sdhj.problem.memory import require
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
+ROUNDING = 1e-12  # of pushes, relative to the greatest
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 
@@ -81,6 +82,16 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
         f"supported: along axis {axis} ({grid.names[axis]}) the velocity is up to {speed[axis]:g} and nodes are "
         f"{grid.spacing[axis]:g} apart; use a shorter delta, lower velocities or fewer nodes, or check their units"
     )
+
+
+def _symmetric(axis: int, pushes: FloatArray) -> bool:
+    """Whether segments (axes, K), reflected at an axis, are the same."""
+    mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
+    lengths = np.sqrt((pushes**2).sum(axis=0))
+    same = np.abs(np.abs(pushes.T @ np.hstack([pushes, mirrored])) - np.outer(lengths, np.tile(lengths, 2)))
+    along = (same <= 1e-9 * np.outer(lengths, np.tile(lengths, 2))) @ np.diag(np.tile(lengths, 2))
+    here, there = np.split(along, 2, axis=1)
+    return bool(np.allclose(here.sum(axis=1), there.sum(axis=1), rtol=1e-9, atol=0.0))
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
@@ -280,6 +291,34 @@ class Interval:
             mean = self._always
         low, high = (end - begin) * mean
         return low, high
+
+    def segments(self, axes: Sequence[int]) -> FloatArray:
+        """Of components of v that move several of some axes, half the segment that each adds per second: (L, K, axes).
+
+        The displacement over tau is that of the box less their share, plus any point of each segment times tau. None
+        (K = 0) where gain or bounds depend on time, and none of those that move an axis with a wall, unless nothing
+        drifts along it and the set of segments is symmetric about it: what is held at a wall may end elsewhere.
+        """
+        dynamics, own, grid = self.dynamics, list(axes), self.grid
+        fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
+        if not fixed or not dynamics.couples(own):
+            return np.zeros((len(dynamics.inputs), 0, len(own)))
+        nothing, count = np.zeros((1, grid.ndim)), range(len(dynamics.inputs))
+        pushes = np.stack([dynamics.gain_at(nothing, j, self.begin)[0] * dynamics.bounds_at(j) for j in count])[:, own]
+        some = np.abs(pushes) > ROUNDING * np.abs(pushes).max()  # the rest is rounding, as of a gain that is a rotation
+        pushes *= some
+        oblique = (some.sum(axis=1) > 1).any(axis=0)
+        for place, axis in enumerate(own):
+            wall = "wall" in grid.ends[axis] and not grid.periodic[axis]
+            if wall and not (self._rests(axis) and all(map(partial(_symmetric, place), pushes[:, :, oblique]))):
+                oblique &= ~some[:, place].any(axis=0)
+        return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
+
+    def _rests(self, axis: int) -> bool:
+        """Whether no input alone moves the state along an axis, where velocities do not depend on the state."""
+        nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
+        drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
+        return not dynamics.drift.timed and not any(drifts)
 
     # ---- on the grid: velocity sets for the games
 

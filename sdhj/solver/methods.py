@@ -80,6 +80,11 @@ class HJI(Options):
 class HopfLax(Options):
     """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
+    Where a component of the disturbance moves several axes, the maximum is taken over the true set, a zonotope, one
+    segment after another. Interpolation then errs to either side: outwards in bowls of the level-set function, inwards
+    at ridges. The box around the set, which is larger, is used where gain or bounds depend on time, and for components
+    that move an axis with a wall, unless the set is symmetric about that axis and no input moves along it.
+
     Parameters
     ----------
     interpolation : {"limited", "linear"}
