@@ -22,12 +22,15 @@ from sdhj.kernels.tape import BLOCK, RESULTS, TABLES, length, part, play_in_room
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
 CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
+PATH = 4  # terms of what inputs lead to, before the segments: corners of a box, and the path without an adversary
+A_CELL = 4.0  # intervals between the points at which segments are looked at, for a cell of half their length
+MOST_POINTS = 4096  # of sums of segments that are looked at: of more the box is taken
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
 TUBES, LOOK, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
 
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
-# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (4, ndim):
-# between what coordinates are clipped, and the ends of the grid; when the interval begins; and three tapes: what inputs
+# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
+# between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval begins; and three tapes: what inputs
 # lead to, the unsafe sets and the target, the two of points with the time as one more coordinate.
 _STATIC, _MOVING, _ORDER, LOOK_TIMES, _FACES, _BEGIN, _AHEAD = range(len(Lattice._fields), len(Lattice._fields) + 7)
 _UNSAFE = _AHEAD + TABLES + 1
@@ -61,6 +64,8 @@ class Room(NamedTuple):
     node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
+    Of segments: looks (L, K), how many points of each are looked at; the boxes around one point of their sum, moved
+    (2, L, ndim, 1), and what is worst in them, worst (L,); held (2 ndim,): walls.
     """
 
     hull: Any
@@ -73,6 +78,10 @@ class Room(NamedTuple):
     offsets: Any
     values: Any
     centre: Any
+    looks: Any
+    moved: Any
+    worst: Any
+    held: Any
 
 
 @kernel(**UNCOUNTED)
@@ -144,13 +153,87 @@ def _reduce(values, source, nodes, rest, near, far):
 
 
 @kernel(**UNCOUNTED)
+def _spread(ends, column, j, axis):
+    """How far the segments of an input lead along an axis, all of them."""
+    far = 0.0
+    for k in range(PATH, ends.shape[0]):
+        far += abs(ends[k, j, axis, column])
+    return far
+
+
+@kernel(**UNCOUNTED)
+def _is_held(state, ends, column, j, held):
+    """Whether the segments of an input lead past a wall, where the state may end outside their sum."""
+    for axis in range(state.size):
+        far = _spread(ends, column, j, axis)
+        low, high = state[axis] + ends[0, j, axis, column] - far, state[axis] + ends[1, j, axis, column] + far
+        if far > 0.0 and (low < held[axis] or high > held[state.size + axis]):
+            return True
+    return False
+
+
+@kernel(**UNCOUNTED)
+def _looks_at(state, ends, column, lattice, room):
+    """Write how many points of each segment are looked at, 0 where its box is; returns the most of their sums."""
+    most, looks = 1, room.looks
+    for j in range(ends.shape[1]):
+        points = 1
+        for k in range(looks.shape[1]):
+            cells = 0.0
+            for axis in range(state.size):
+                cells = max(cells, abs(ends[PATH + k, j, axis, column]) / lattice.spacing[axis])
+            looks[j, k] = 1 + int(np.ceil(min(A_CELL * cells, MOST_POINTS)))
+            points = min(points * looks[j, k], MOST_POINTS + 1)
+        if points > MOST_POINTS or _is_held(state, ends, column, j, room.held):
+            looks[j], points = 0, 1
+        most = max(most, points)
+    return most
+
+
+@kernel(**UNCOUNTED)
+def _move(point, ends, column, room):
+    """Write the boxes of all inputs around a point of the sum of their segments, by its number."""
+    for j in range(ends.shape[1]):
+        for axis in range(ends.shape[2]):
+            room.moved[0, j, axis, 0], room.moved[1, j, axis, 0] = ends[0, j, axis, column], ends[1, j, axis, column]
+        left = point
+        for k in range(room.looks.shape[1]):
+            looks, share, wider = room.looks[j, k], 0.0, 1.0
+            if looks > 0:
+                share, wider = 2.0 * (left % looks) / max(looks - 1, 1) - (looks > 1), 0.0
+                left //= looks
+            for axis in range(ends.shape[2]):
+                half = ends[PATH + k, j, axis, column]
+                room.moved[0, j, axis, 0] += share * half - wider * abs(half)
+                room.moved[1, j, axis, 0] += share * half + wider * abs(half)
+
+
+@kernel(**UNCOUNTED)
 def _worst_values(values, state, ends, column, order, lattice, room, out):
-    """out[j] = maximum of the interpolated `values` over the box of input j around a state.
+    """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
+
+    That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
+    no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
+    """
+    _gather(values, state, column, order, lattice, room)
+    if ends.shape[0] == PATH:
+        _worst_in_boxes(state, ends, column, order, lattice, room, out)
+        return
+    out[:] = -np.inf
+    for point in range(_looks_at(state, ends, column, lattice, room)):
+        _move(point, ends, column, room)
+        _worst_in_boxes(state, room.moved, 0, order, lattice, room, room.worst)
+        for j in range(out.size):
+            out[j] = max(out[j], room.worst[j])
+
+
+@kernel(**UNCOUNTED)
+def _worst_in_boxes(state, ends, column, order, lattice, room, out):
+    """out[j] = maximum of the interpolated values that were gathered over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    _gather(values, state, column, order, lattice, room)
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
@@ -251,10 +334,11 @@ def _hull(ends, column, spacing, hull):
     """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
     size = 1.0
     for axis in range(ends.shape[2]):
-        hull[0, axis], hull[1, axis] = ends[0, 0, axis, column], ends[1, 0, axis, column]
-        for j in range(1, ends.shape[1]):
-            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column])
-            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column])
+        hull[0, axis], hull[1, axis] = np.inf, -np.inf
+        for j in range(ends.shape[1]):
+            far = _spread(ends, column, j, axis)
+            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column] - far)
+            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column] + far)
         size *= np.ceil((hull[1, axis] - hull[0, axis]) / spacing[axis] + 1e-6) + 2.0
     return int(size)
 
@@ -278,16 +362,33 @@ def _lattice(ints, floats):
 
 
 @kernel(**UNCOUNTED)
+def _farthest(ends, column, j, corner, axis, spacing, boxed):
+    """How far segments lead along an axis at the point of their sum that lies farthest towards a corner of the box."""
+    far = 0.0
+    for k in range(PATH, ends.shape[0]):
+        towards = 0.0
+        for other in range(spacing.size):
+            side = ((corner >> (spacing.size - 1 - other)) & 1) * 2.0 - 1.0
+            towards += side * ends[k, j, other, column] / spacing[other] * (other == axis or not boxed)
+        far += ends[k, j, axis, column] * (1.0 if towards >= 0.0 else -1.0)
+    return far
+
+
+@kernel(**UNCOUNTED)
 def _place(at, state, j, box, lattice, look, spots):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
     (ends, column), (times, faces), (points, past) = box, look, spots
     ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
+    sums = ends.shape[0] > PATH
+    boxed = sums and _is_held(state, ends, column, j, faces[4 * ndim :])
     for i in range(times.size):  # the state, the path, the corners
         spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
         for axis in range(ndim):
             x = state[axis]
             if i > last:
                 x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, column]
+                if sums:
+                    x += _farthest(ends, column, j, i - last - 1, axis, lattice.spacing, boxed)
             elif i > 0:
                 x += share * ends[2, j, axis, column]
                 x += share * share * ends[3, j, axis, column]
@@ -435,7 +536,7 @@ def _look(rows, when, states, packs, ahead, table, space, out):
 def _lead(begin, rows, states, packs, ends, found, work):
     """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
 
-    found : near (4, L, ndim, R), which may be `ends` if that is one for all states; at (R, ndim), overwritten; hulls
+    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all states; at (R, ndim), overwritten; hulls
     """
     (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(_AHEAD + RESULTS))
@@ -472,14 +573,15 @@ def _answer(rows, states, when, packs, stored, ahead, space, out):
 
 
 @kernel()
-def _room(columns, ndim, inputs, size):
-    """A `Room` for so many hulls, inputs and nodes of a block."""
+def _room(columns, ndim, inputs, size, segments, held):
+    """A `Room` for so many hulls, inputs, nodes of a block and segments, and walls."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
-    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim))
+    sums = np.empty((inputs, segments), np.int64), np.empty((2, inputs, ndim, 1)), np.empty(inputs), held
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
 @kernel(nogil=True)
@@ -511,10 +613,10 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         as in `Shelf`. looks: `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
     packs, stored : (ints, floats), (index, tubes, masks, static, moving)
         What is packed (above); of a `Shelf`.
-    ends : (4, L, ndim, 1 or R)
-        What each input can lead to, relative to the state: the lower and the upper corner of the box that holds all
-        states at the interval's end, and two terms of the path without an adversary, which after a share s of the
-        interval is s ends[2] + s^2 ends[3] away. Where there is a tape for it, it is played, and `ends` is not read.
+    ends : (4 + K, L, ndim, 1 or R)
+        What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
+        segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a tape for it, it is played, and `ends` is not read.
     scores : (M, L)
         Which safe input is preferred as `best`: that of least score, of equals that of least depth.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
@@ -529,9 +631,11 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(LOOK_TIMES)), length(ints, np.int64(_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    alike = length(ints, np.int64(_AHEAD + RESULTS)) == 0 and ends.shape[3] == 1
-    near, at = ends if alike else np.empty((4, inputs, ndim, width)), np.empty((width, ndim))
-    room = _room(near.shape[3], ndim, inputs, size)
+    played, faces = length(ints, np.int64(_AHEAD + RESULTS)), part(ints, packs[1], _FACES)
+    terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
+    alike = played == 0 and ends.shape[3] == 1
+    near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
+    room = _room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
     spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (_AHEAD, _UNSAFE, _TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
@@ -541,7 +645,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-            room = Room(*room[:7], *block, room.centre)  # type: ignore[call-arg]
+            room = Room(*room[:7], *block, *room[9:])  # type: ignore[call-arg]
         if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True
@@ -556,7 +660,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     axes, lattice = (part(ints, ints, _STATIC), part(ints, ints, _MOVING)), _lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
     shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
-    room = _room(1, states.shape[1], out.shape[1], 0)
+    room = _room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, _FACES))
     for m in range(out.shape[0]):
         _hazards(shelf, step, states[m], lattice, room, out[m])
 

@@ -298,6 +298,17 @@ class VectorField:
             moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
+    @cached_property
+    def oblique(self) -> tuple[int, ...]:
+        """The components of the disturbance that move several axes, whatever the time: what each does is a segment."""
+        if not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
+            return ()
+        moved = self.pushes
+        if self.constant:
+            pushed = np.abs(self.arrays[1]) * self.arrays[2]
+            moved = (pushed > 1e-12 * pushed.max(initial=0.0))[None]
+        return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
+
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
         """The same dynamics, states past some ends moving as at the end."""
         drift, gain = (part and part.clipped(lower, upper) for part in (self.drift, self.gain))

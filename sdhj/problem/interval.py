@@ -22,6 +22,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of ve
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ROUNDING = 1e-12  # of pushes, relative to the greatest
+PATH = 4  # terms of `Interval.ahead` before the segments
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 
@@ -82,6 +83,15 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
         f"supported: along axis {axis} ({grid.names[axis]}) the velocity is up to {speed[axis]:g} and nodes are "
         f"{grid.spacing[axis]:g} apart; use a shorter delta, lower velocities or fewer nodes, or check their units"
     )
+
+
+def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Corners of boxes, a spread nearer to each other; where that leaves rounding, their middle."""
+    if not np.any(spread):
+        return low, high
+    middle, left = (low + high) / 2, (high - low) / 2 - spread
+    left = np.where(left > ROUNDING * spread, left, 0.0)
+    return middle - left, middle + left
 
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
@@ -197,7 +207,7 @@ class Interval:
         Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
         midpoint rule.
         """
-        _, _, moved, more = self.ahead(states)
+        _, _, moved, more = self.ahead(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
@@ -215,14 +225,29 @@ class Interval:
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
-        low, high = np.moveaxis(self.ahead(states)[:2], -1, 1)
-        return low, high
+        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
+        spread = np.abs(halves).sum(axis=0) if halves else 0.0
+        return low - spread, high + spread
+
+    def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
+        """Some of the states of `reachable` that the adversary can bring about: (M, L, P, ndim), or (1, L, P, ndim).
+
+        sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
+        of v move several axes, each is at the end that lies farther in this direction from the middle.
+        """
+        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
+        points = low * (1 - sides) + high * sides
+        for half in halves:
+            towards = ((2 * sides - 1) * half / self.grid.spacing).sum(axis=-1, keepdims=True)
+            points = points + np.sign(towards) * np.abs(2 * sides - 1).max(axis=-1, keepdims=True) * half
+        return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """What each input leads to, relative to the states: (4, L, ndim, M), or (4, L, ndim, 1) if alike for all.
+        """What each input leads to, relative to the states: (4 + K, L, ndim, M), or (4 + K, L, ndim, 1) if all alike.
 
-        The corners of `reachable`, and two terms of the path without an adversary: a share s of the interval later the
-        state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
+        The corners of a box, and two terms of the path without an adversary: a share s of the interval later the state
+        is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order. Behind
+        them, half of each segment that components of v which move several axes add to the box (`VectorField.oblique`).
         """
         if self.dynamics.stateless:
             return self._alike.copy()  # compiled look-ups take it in place of what they write
@@ -248,18 +273,35 @@ class Interval:
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
         moved, later = self._moves(states, begin)
-        return np.stack([low - self.wider, high + self.wider, moved, later - moved], axis=1)
+        segments = [self.delta * half for half in self._halves(states, begin)]
+        return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
+
+    def _halves(self, states: Any, begin: Any) -> list[Any]:
+        """Of each component of v that moves several axes, half of what it adds to the velocity: each (M, L, ndim)."""
+        dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
+        if not dynamics.oblique:
+            return []
+        gains = [dynamics.gain_at(points, j, begin) for j in count]
+        bounds = [dynamics.bounds_at(j, self.begin) for j in count]
+        return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Lower and upper corners at the end, both (M, L, ndim)."""
+        """Lower and upper corners at the end, both (M, L, ndim), of what moves one axis each."""
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
+            spread = sum((np.abs(half[0]) for half in self._halves(states, begin)), np.zeros_like(low))
+            low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
+            if dynamics.oblique:
+                some = dynamics.bounds_at(j, self.begin) * ~np.isin(np.arange(dynamics.adversaries), dynamics.oblique)
+                lows.append((np.abs(dynamics.gain_at(points, j, begin)) * some).sum(axis=2))
+                highs.append(lows[-1])
+                continue
             drift, ends = dynamics.drift_at(points, j, begin), [dynamics.extremes(points, j, t) for t in times]
             middle = [drift if t is begin else dynamics.drift_at(points, j, t) for t in times]
             lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
@@ -309,16 +351,27 @@ class Interval:
         pushes *= some
         oblique = (some.sum(axis=1) > 1).any(axis=0)
         for place, axis in enumerate(own):
-            wall = "wall" in grid.ends[axis] and not grid.periodic[axis]
-            if wall and not (self._rests(axis) and all(map(partial(_symmetric, place), pushes[:, :, oblique]))):
+            if self._holds(axis, place, pushes[:, :, oblique]):
                 oblique &= ~some[:, place].any(axis=0)
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
-    def _rests(self, axis: int) -> bool:
-        """Whether no input alone moves the state along an axis, where velocities do not depend on the state."""
+    def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
+        """Whether what is held at a wall of an axis may end outside the sum of segments (L, axes, K), it being one."""
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
+        if self.grid.periodic[axis] or "wall" not in self.grid.ends[axis]:
+            return False
         drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
-        return not dynamics.drift.timed and not any(drifts)
+        return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, place), pushes))
+
+    @property
+    def held(self) -> FloatArray:
+        """The walls at which states may end outside the sum of segments: (2, ndim), infinite where there is none."""
+        dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("wall")), range(self.grid.ndim)
+        if dynamics.oblique and dynamics.stateless:
+            pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
+            past = np.array([[-np.inf], [np.inf]])
+            walls = np.where([self._holds(axis, axis, pushes) for axis in axes], walls, past)
+        return walls
 
     # ---- on the grid: velocity sets for the games
 

@@ -26,7 +26,7 @@ from sdhj.kernels.union import EIGHT
 from sdhj.problem.boxes import Maxima, crossings, maxima, operations, out_of_danger
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
-from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities
+from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.solver.former import Patch, carried_on, spread
@@ -624,12 +624,9 @@ class HopfLaxGames(_OnAxes):
     def _moved(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """What holds the states at some times of an interval, s from its begin, ascending."""
         boxes, halves = np.array([interval.reached(0.0, end) for end in ends])[..., axes], interval.segments(axes)
-        if halves.any():  # what moves one axis alone, and no less than nothing after rounding
-            middle, spread = boxes.mean(axis=1), np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
-            around = (boxes[:, 1] - boxes[:, 0]) / 2 - spread
-            around = np.where(around > ROUNDING * spread, around, 0.0)
-            boxes = np.stack([middle - around, middle + around], axis=1)
-        return Moved(boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0), ends[-1] * halves)
+        spread = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
+        low, high = narrowed(boxes[:, 0], boxes[:, 1], spread)
+        return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
         """As `_OnAxes.operations`, from what some pieces of the interval take."""
