@@ -239,7 +239,8 @@ class Interval:
         points = low * (1 - sides) + high * sides
         for half in halves:
             towards = ((2 * sides - 1) * half / self.grid.spacing).sum(axis=-1, keepdims=True)
-            points = points + np.sign(towards) * np.abs(2 * sides - 1).max(axis=-1, keepdims=True) * half
+            far = np.abs(2 * sides - 1).max(axis=-1, keepdims=True)
+            points = points + np.where(towards >= 0, far, -far) * half
         return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:

@@ -118,7 +118,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """The largest value of the next tube, `left` steps to go, at some ends (L, P, ndim), relative to the state: (L,)."""
+    """The largest value of the next tube, `left` steps to go, at ends (L, P, ndim), relative to the state: (L,)."""
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 

@@ -3,7 +3,8 @@
 A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
 alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
-adversary couples axes, the box of a margin is larger than the reachable set, and promises are given more rarely.
+adversary couples axes, a margin is over the sum of a box and segments; where gain or bounds depend on time, and at
+walls, it is over the box around, which is larger than the reachable set, and promises are given more rarely.
 """
 
 import os
@@ -17,11 +18,14 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
-from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
+from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
+from sdhj.kernels.true_sets import TUBES
+from sdhj.kernels.tubes import avoid_values, tube_values
 from sdhj.problem.checks import axis_numbers, sealed
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.uncertain import shrunk, worst_around
 from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
