@@ -82,17 +82,25 @@ def interpolated(values, lower, spacing, periodic, points):
 
 
 def shares_won(lower, upper, shape, periodic, drifts, halves, disks, target, delta, steps):
+    """As `shares_of`, where each input adds a drift to the sum of the segments from -half to half, per second."""
+    n = [k - (not closed) for k, closed in zip(shape, periodic, strict=True)]
+    apart = 0.7 * min((b - a) / k for a, b, k in zip(lower, upper, n, strict=True))
+    net, corners = points_of(delta * np.asarray(halves), apart), delta * vertices(halves)
+    sets = [(delta * np.asarray(drift) + net, delta * np.asarray(drift) + corners) for drift in drifts]
+    return shares_of(lower, upper, shape, periodic, sets, disks, target, steps)
+
+
+def shares_of(lower, upper, shape, periodic, sets, disks, target, steps):
     """Shares of nodes from which the target is reached within 0 to `steps` intervals, disks never met: brute force.
 
-    Nodes look up the next values at a dense set of points that the adversary may bring about; the tube of an input is
-    the hull of the state and of what it may come to, whose distance to a disk (x, y, radius) is exact. What leaves a
-    bounded axis is lost.
+    sets : for each input a dense net of the displacements (P, 2) that the adversary may bring about, and those at the
+        corners of their hull. Nodes look up the next values at the net; the tube of an input is the hull of the state
+        and of what it may come to, whose distance to a disk (x, y, radius) is exact. Off a bounded axis all is lost.
     """
     n = [k - (not closed) for k, closed in zip(shape, periodic, strict=True)]
     spacing = [(b - a) / k for a, b, k in zip(lower, upper, n, strict=True)]
     axes = [a + h * np.arange(k) for a, h, k in zip(lower, spacing, shape, strict=True)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    pushes, ends = points_of(delta * np.asarray(halves), 0.7 * min(spacing)), delta * vertices(halves)
     laps = [(0.0, b - a, a - b) if closed else (0.0,) for a, b, closed in zip(lower, upper, periodic, strict=True)]
 
     def met(cone):  # > 0 where a disk may be met
@@ -102,8 +110,7 @@ def shares_won(lower, upper, shape, periodic, drifts, halves, disks, target, del
         return np.max(levels, axis=0)
 
     walls = []
-    for drift in drifts:
-        reached = delta * np.asarray(drift) + ends
+    for _, reached in sets:
         wall = met(polygon(np.concatenate([reached, [[0.0, 0.0]]])))
         for end in reached:
             gone = (nodes + end < np.array(lower) - 1e-9) | (nodes + end > np.array(upper) + 1e-9)
@@ -114,11 +121,10 @@ def shares_won(lower, upper, shape, periodic, drifts, halves, disks, target, del
     shares = [np.mean(won <= 0)]
     for _ in range(steps):
         values, following = won.reshape(shape), won
-        for drift, wall in zip(drifts, walls, strict=True):
+        for (net, _), wall in zip(sets, walls, strict=True):
             most = np.full(len(nodes), -np.inf)
-            for push in pushes:
-                at = nodes + delta * np.asarray(drift) + push
-                most = np.maximum(most, interpolated(values, lower, spacing, periodic, at))
+            for end in net:
+                most = np.maximum(most, interpolated(values, lower, spacing, periodic, nodes + end))
             following = np.minimum(following, np.maximum(most, wall))
         won = following
         shares.append(np.mean(won <= 0))

@@ -4,6 +4,7 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
@@ -471,12 +472,31 @@ class Interval:
         return points
 
     def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The box of velocities where the disturbance does not enter linearly."""
-        seen, outside = self._seen(axes)
-        points, shape = self._points(seen), self.grid.subgrid(seen).shape
-        low, high = (end[:, axes].T.reshape(-1, *shape) for end in self.dynamics.range(j, points, points, (t, t)))
-        places = tuple(1 + place for place in outside)
-        return Velocities(low.min(axis=places), high.max(axis=places))
+        """The box of velocities where the disturbance does not enter linearly, or one for each piece of its range.
+
+        A velocity is in the box of some piece, so that H is at most the maximum over them, and no less than that of a
+        box over the whole range.
+        """
+        dynamics, (seen, outside), cuts = self.dynamics, self._seen(axes), self.dynamics.cuts(axes)
+        grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
+        if count > 1:
+            require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
+        points, lows, highs = self._points(seen), list[FloatArray](), list[FloatArray]()
+        ends = dynamics.disturbance(j, points, points, (t, t))
+        nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
+        for at in product(*map(range, cuts)):
+            v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
+            found = dynamics.each["drift"][j].bounds(points, points, (t, t), *v)
+            low, high = (end[:, axes].T.reshape(-1, *grid.shape) for end in found)
+            lows.append(low.min(axis=places))
+            highs.append(high.max(axis=places))
+        if count == 1:
+            return Velocities(lows[0], highs[0])
+        low, high = np.array(lows), np.array(highs)
+        gain = np.zeros((count, len(axes), *low.shape[1:]))
+        for axis in range(len(axes)):
+            gain[:, axis, axis] = (high[:, axis] - low[:, axis]) / 2
+        return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
         """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""

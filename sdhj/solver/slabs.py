@@ -209,6 +209,7 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     if not dynamics.stateless:
         whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
         each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+        each += 8 * (3 + grid.ndim) * (math.prod(dynamics.cuts(axes)) - 1)
         velocities = each * grid.ndim * grid.size
         found += velocities + min(KEPT, count * times * velocities)
         at_once = min(count * grid.size, max(grid.size, count * FEW))
