@@ -260,7 +260,7 @@ CASES = {
     ),
     "too many inputs": (
         "are supported, so quantise more coarsely",
-        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 300)[:, None]] * 2),
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 70_000)[:, None]] * 2),
         lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 100)[:, None]] * 2),
     ),
     "a drift without dynamics' other half": (
@@ -451,7 +451,7 @@ CASES = {
         lambda to: command("info", to / "t.h5"),
     ),
     "an ending": (
-        "-o must end in .png or .svg",
+        "t.gif must end in .png or .svg, which selects the file type",
         lambda to: (plane().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.gif")),
         lambda to: command("plot", to / "t.h5", "-o", to / "t.png"),
     ),

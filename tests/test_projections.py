@@ -12,15 +12,16 @@ from toys import ends_of
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj.problem.findings import ProjectionWarning
 from sdhj.solver.games import HJIGames, Pieces
-from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
+from sdhj.solver.projections import ProjectedGames, checked_subspaces, default_subspaces
 from sdhj.solver.recursion import InputRows
 from sdhj.table.table import AvoidTubes
 
 MONOTONE = HopfLax("linear")  # leaves the order of sets alone
 ROUNDING = 1e-5  # sums of a few products of numbers below ten, in another order and single precision
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::sdhj.solver.projections.ProjectionWarning"
+    "ignore::sdhj.problem.findings.ProjectionWarning"
 )  # each test says what it expects
 
 

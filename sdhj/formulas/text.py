@@ -17,7 +17,6 @@ from sdhj.formulas.rules import RULES
 FORMAT = 1
 MOST_LINES = 100_000
 MOST_SHOWN = 400  # characters of a result as mathematics
-TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # how many operands are truth values
 CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
 
 
@@ -94,7 +93,7 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
     if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
         raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
     operands = tuple(nodes[_index(word, len(nodes))] for word in words)
-    if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
+    if not all(one.truth for one in operands[: RULES[op].truths]):
         raise ValueError(f"{op} needs truth values")
     return interned(op, operands, value)
 
@@ -130,12 +129,6 @@ def _near(one: Any, other: Any) -> bool:
     return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE))
 
 
-SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "share": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
-SIGNS |= {"and": " and ", "or": " or "}
-BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div share neg", "power sqr")  # the loosest first
-RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
-
-
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
     """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
     order = ordered(outputs)
@@ -145,11 +138,11 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
 
     def inside(arg: Node, rank: int) -> str:
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
-        whole = op not in RANK or len(text[arg]) == 1  # a letter
-        return text[arg] if whole or RANK[op] >= rank else f"({text[arg]})"
+        binds = RULES[op].binds if len(text[arg]) > 1 else -1  # a letter
+        return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"
 
     for one in order:
-        rank, given = RANK.get(one.op, 0), [text[arg] for arg in one.args]
+        rule, rank, given = RULES[one.op], max(RULES[one.op].binds, 0), [text[arg] for arg in one.args]
         if one.op in ("x", "p"):
             text[one] = (names if one.op == "x" else parameters)[one.value[0]]
         elif one.op == "const":
@@ -158,10 +151,10 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
             a, b = one.args if one.args[1].op != "const" else one.args[::-1]
             second = inside(b, rank + text[b].startswith("-"))
             text[one] = f"{inside(a, rank + (' / ' in text[a]))} {second}"
-        elif one.op in SIGNS:
-            second, sign = inside(one.args[1], rank + (one.op in ("sub", "div", "share"))), SIGNS[one.op]
+        elif rule.sign:
+            second, sign = inside(one.args[1], rank + (one.op in ("sub", "div", "share"))), rule.sign
             if one.op in ("add", "sub") and second.startswith("-"):
-                second, sign = second[1:], SIGNS["sub" if one.op == "add" else "add"]
+                second, sign = second[1:], RULES["sub" if one.op == "add" else "add"].sign
             text[one] = f"{inside(one.args[0], rank)}{sign}{second}"
         elif one.op in ("sqr", "power"):
             text[one] = f"{inside(one.args[0], rank + 1)}^{2 if one.op == 'sqr' else one.value}"

@@ -11,7 +11,8 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
-from sdhj.problem.grid import Grid
+from sdhj.problem.findings import Finding
+from sdhj.problem.grid import Grid, Rimmed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
@@ -61,11 +62,13 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
     return found
 
 
-def never_felt(part: UnsafeSet) -> str:
-    """The warning for an unsafe set that no node is in danger of."""
-    return (
-        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. It lies between the "
-        "nodes (use more nodes, or enlarge the set), or is out of reach"
+def never_felt(part: UnsafeSet) -> Finding:
+    """An unsafe set that no node is in danger of."""
+    return Finding(
+        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. ",
+        0.0,
+        "It lies between the nodes (use more nodes, or enlarge the set), or is out of reach",
+        UserWarning,
     )
 
 
@@ -86,16 +89,16 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         (a + more * (i == place and ends[i][0] == "safe"), b + more * (i == place and ends[i][1] == "safe"))
         for i, (a, b) in enumerate(grid.rim)
     ]
+    longer = Grid(
+        (np.array(grid.lower) - widened * grid.spacing).tolist(),
+        (np.array(grid.upper) + widened * grid.spacing).tolist(),
+        [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
+        grid.periodic,
+        grid.names,
+        ends,
+    )
     wide = ReachAvoidProblem(
-        grid=Grid(
-            (np.array(grid.lower) - widened * grid.spacing).tolist(),
-            (np.array(grid.upper) + widened * grid.spacing).tolist(),
-            [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
-            grid.periodic,
-            grid.names,
-            ends,
-            rim,
-        ),
+        grid=Rimmed(longer, rim) if np.any(rim) else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

@@ -457,24 +457,10 @@ WRONG = {
     ),
     "powers below zero": (
         TAPE,
-        "p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0],",
-        "p, q = _FALLS[op, 0],",
+        "falls = 1 if op == POWER and n < 0 else int(fact[FALLS])",
+        "falls = int(fact[FALLS])",
         "hold_what_is_exact",
         "power -1",
-    ),
-    "what falls": (
-        TAPE,
-        '_which("neg not arccos less lesseq")',
-        '_which("not arccos less lesseq")',
-        "hold_what_is_exact",
-        "neg",
-    ),
-    "what is even": (
-        TAPE,
-        '_ABSOLUTE = _which("abs sqr hypot")',
-        '_ABSOLUTE = _which("abs sqr")',
-        "hold_what_is_exact",
-        "hypot",
     ),
     "even powers": (TAPE, "(op == POWER and n % 2 == 0):", "False:", "hold_what_is_exact", "power 2"),
     "other corners": (
@@ -491,13 +477,6 @@ WRONG = {
         "(a[0, m] == 0.0) else NAN",
         "hold_what_is_exact",
         "pow",
-    ),
-    "errors of functions": (
-        TAPE,
-        "(2 * ERRORS.get(op, 0) + 1) * STEP for op",
-        "0.0 for op",
-        "hold_what_is_exact",
-        "exp",
     ),
     "what is equal": (
         TAPE,

@@ -12,9 +12,8 @@ import twin_formulas as twin
 
 from sdhj.formulas.derivative import linear
 from sdhj.formulas.graph import Lookup, Node, constant, interned, leaf, leaves, make, ordered, power, rebuilt
-from sdhj.formulas.rules import OPCODES, RULES
+from sdhj.formulas.rules import RULES
 from sdhj.formulas.text import MOST_LINES, alike, parsed, shown, written
-from sdhj.kernels.tape import OPERATIONS
 
 X, Y, T = leaf("x", 0), leaf("x", 1), leaf("p", 0)
 ZERO, ONE, NAN = constant(0.0), constant(1.0), constant(math.nan)
@@ -428,10 +427,6 @@ def test_formulas_pickle():
     one = formula.Formula(tuple(sample()), 2, 1, (3,))
     again = pickle.loads(pickle.dumps(one))
     assert again.outputs == one.outputs and again.shape == (3,) and again.coordinates == 2
-
-
-def test_each_operation_of_a_tape_has_a_rule():
-    assert tuple(RULES) == OPERATIONS and list(OPCODES) == list(RULES)
 
 
 @pytest.mark.parametrize(
