@@ -6,7 +6,7 @@ import pytest
 
 import sdhj
 from sdhj.problem import interval as interval_module
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.problem.findings import ResolutionWarning
 
 COURSES = np.pi / 4 * np.arange(8)
 WAYS = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(COURSES), np.sin(COURSES)], axis=1)])

@@ -4,18 +4,17 @@ A method has a `name` and a function `sets(problem, progress)`, which returns th
 `sdhj.solver.recursion.recursion` fills in. Any object with these two can be passed to `solve`.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
+from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.former import Former
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
 from sdhj.solver.recursion import GridSets, Sets
-from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solver.schemes import DTYPES, Scheme
 
 
@@ -122,11 +121,10 @@ class HopfLax(Options):
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        if max(problem.dynamics.cuts(range(problem.grid.ndim))) > 1:
-            warnings.warn(
+        if (pieces := max(problem.dynamics.cuts(range(problem.grid.ndim)))) > 1:
+            cause = (
                 'a disturbance that does not enter linearly moves several axes: method "lax" plays the box around its '
-                'velocities, and finer grids do not help; use method="hji", which cuts its range into pieces',
-                ResolutionWarning,
-                stacklevel=4,
             )
+            remedy = f'use method="hji", which cuts its range into {pieces} pieces'
+            tell(Finding(f"{cause}velocities, and finer grids do not help; ", pieces, remedy))
         return GridSets(problem, self, former)
