@@ -57,10 +57,9 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """The largest value of the tube with all steps left, at the corners of the box that each input can lead to."""
-    low, high = table.problem.interval(step).reachable(states)
+    """The largest value of the tube with all steps left, at the corners of what each input can lead to."""
     sides = _sides(table.grid.ndim)
-    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
+    ends = states[:, None, None] + table.problem.interval(step).reaches(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
     points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
     ahead = table._values_at(points, step + 1, left)
@@ -69,7 +68,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache
 def _sides(ndim: int) -> FloatArray:
-    return np.array(list(product((False, True), repeat=ndim)))
+    return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
 @dataclass(frozen=True)
