@@ -89,7 +89,7 @@ def verify(
         if "cells" in head and head["cells"].get("kind") == "arm":
             expect_room(Arm.needs(arrays))
             sets = Arm(head, arrays)
-        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):  # check 7.11
             expect_room(Robot.needs(head, arrays, samples))
             sets = Robot(head, arrays, problem)
     if opaque and problem is None:
