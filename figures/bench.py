@@ -9,7 +9,7 @@ treats walls in its own way, so errors are counted at the nodes that no wall can
 All solvers are timed in turn, several rounds of it, and the medians are compared: what else the machine does then
 strikes all of them alike. `measure_case_study`, `measure_resolve`, `measure_controller` and `measure_slider` time what
 users wait for: whole tables, one that is solved anew when an obstacle is seen elsewhere, the controller's answers, and
-pictures of games; `limits.py` compares each part of a solve with what the machine can do.
+pictures of games; `studies/limits.py` compares each part of a solve with what the machine can do.
 """
 
 import importlib
@@ -26,11 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-import first
-import limits
 import numba
 import numpy as np
-from common import writable_picture
 
 import sdhj
 from sdhj import plotting
@@ -38,12 +35,19 @@ from sdhj.arm.case_studies import OBSTACLES, arm_case_study
 from sdhj.arm.workspace import Disk, Still
 from sdhj.cli import INTERPOLATED, compile_kernels, numbers, plainly
 from sdhj.kernels import FloatArray
+from sdhj.plotting.looks import writable_picture
 from sdhj.problem.cost import Cost
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Velocities
 from sdhj.simulation.runs import admissible_states
 from sdhj.solver.schemes import Scheme, evolve
-from sdhj.table.controller import RULES, Controller
+from sdhj.table.controller import Controller
+from sdhj.table.rules import RULES
+
+sys.path.append(str(Path(__file__).parent / "studies"))  # the scripts are no package to install
+
+import first
+import limits
 
 NODES = (15, 20, 25, 30, 35, 40)
 LEAST_NODES = 9  # with fewer the walls reach every node

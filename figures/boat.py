@@ -16,8 +16,9 @@ from matplotlib.patches import Patch
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, UNSAFE_LOOKS, patch
 from sdhj.plotting.slices import Plane, draw_constraints, draw_set, plane
+from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import Dynamics, ReachAvoidProblem
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames, JointGames
 from sdhj.solver.schemes import Scheme

@@ -3,7 +3,7 @@
 A script `figNN_*.py` or `extra_*.py` has a function `draw(context)` that returns a Matplotlib figure, and its docstring
 says in a sentence what that shows. Where it draws data, `value(context)` is a number, or some, that the figure shows,
 and that the tests compare. Where it has `also(context, folder)`, that writes further files, an animation for example.
-One with `STUDY = True` solves many problems of its own and is no part of the main job.
+One with `MAIN_JOB = False` solves many problems of its own and is left out of the main job.
 """
 
 import importlib
@@ -29,7 +29,6 @@ from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import INK, TARGET_LOOKS, Looks, writable_folder
 from sdhj.simulation.runs import Trajectory
 from sdhj.table.batches import Table
-from sdhj.table.files import writable_file
 
 HERE = Path(__file__).parent
 ARROW_SECONDS = 0.8
@@ -52,7 +51,7 @@ class Context:
     tables : mapping, optional
         Tables that are already solved, by method; they fix the problem.
     seed : int
-        Of the run that Figs. 8 and 12 show, and of the studies' runs.
+        Of the run that Figs. 8 and 12 show, and of the runs that are counted.
     runs : int
         Closed-loop runs in a study.
     say : callable, optional
@@ -174,11 +173,11 @@ def write(name: str, context: Context, folder: str | os.PathLike[str], formats: 
     return files + (also(context, folder) if also else [])
 
 
-def write_all(context: Context, folder: str | os.PathLike[str], *, studies: bool) -> list[Path]:
-    """Write every figure, or every one that is no study."""
+def write_all(context: Context, folder: str | os.PathLike[str], *, main_job: bool = False) -> list[Path]:
+    """Write every figure, or those of the main job."""
     files = []
     for name in NAMES:
-        if studies or not getattr(script(name), "STUDY", False):
+        if not main_job or getattr(script(name), "MAIN_JOB", True):
             context.say(f"drawing {name}")
             files += write(name, context, folder)
     return files
@@ -210,14 +209,6 @@ def draw_velocities(ax: Axes, view: ArmScene) -> None:
             velocity = (disk.centre(step) - disk.centre(-step)) / (2 * step)
             ends = tuple(here), tuple(here + ARROW_SECONDS * velocity)
             ax.add_artist(FancyArrowPatch(*ends, gid="velocity", **looks))
-
-
-def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
-    """Raise ValueError or OSError before long work where a picture, if there is one, cannot be drawn and written."""
-    if path is not None:
-        writable_file(path)
-        if path.suffix.lower() not in suffixes:
-            raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which selects the file type of the picture")
 
 
 def command_of(file: str) -> click.Command:

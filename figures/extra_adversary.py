@@ -14,7 +14,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.solver.projections import ProjectionWarning
 
-STUDY = True
+MAIN_JOB = False
 BOUNDS = {
     "v_p_max": (0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.4, 3.2, 4.0, 5.0),  # m/s
     "v_d_max": (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0, 5.0),  # rad/s

@@ -20,7 +20,7 @@ from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import FAINT, INK, UNSAFE_LOOKS
 from sdhj.table.batches import Table
 
-STUDY = True
+MAIN_JOB = False
 SPEED, RADIUS, HORIZON = 5.0, 5.0, 2.8  # of both aircraft; of the disk; s
 COARSE = (27, 21, 24)
 NODES = (51, 40, 50)

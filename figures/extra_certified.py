@@ -19,7 +19,7 @@ from sdhj.plotting.looks import FULL_LOOKS, INK, INNER_LOOKS, State
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
-STUDY = True
+MAIN_JOB = False
 LABEL_COLOURS = (INNER_LOOKS["facecolor"], "#f2c14e", "#ffffff")  # of `LABELS`; they differ in greyscale too
 CELLS = ((42, 42, 12, 12), (84, 84, 36, 36), (210, 210, 36, 36), (210, 210, 72, 72), (419, 419, 72, 72))
 

@@ -22,7 +22,7 @@ from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import INK
 from sdhj.table.batches import Table
 
-STUDY = True
+MAIN_JOB = False
 DELTA = 0.5
 LOWER, UPPER = (1.15, 5.45), (1.55, 5.85)
 SCOTS = 0.924  # the share of the box that SCOTS finds, with states 2 / 4000 apart

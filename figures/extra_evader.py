@@ -23,7 +23,7 @@ from sdhj.simulation.runs import Report, Trajectory
 from sdhj.solver.projections import ProjectionWarning
 from sdhj.table.batches import Table
 
-STUDY = True
+MAIN_JOB = False
 EVADER_AT = (0.0, 0.0, 0.12, 0.12)
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import sdhj
 from sdhj import plotting
 
-STUDY = True
+MAIN_JOB = False
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from sdhj.arm.workspace import Circle, Line
 from sdhj.certified.table import lost_cells
 from sdhj.kernels import FloatArray
 
-STUDY = True
+MAIN_JOB = False
 CELLS = {
     "car": ((26, 26, 37), (51, 51, 72)),
     "arm": ((30, 30, 8, 8), (42, 42, 12, 12)),

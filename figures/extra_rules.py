@@ -16,7 +16,7 @@ from sdhj.simulation.runs import simulate
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
-STUDY = True
+MAIN_JOB = False
 RULES = ("deepest", "effort", "target", "clearance")
 
 

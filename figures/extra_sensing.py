@@ -31,7 +31,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.projections import ProjectionWarning
 
-STUDY = True
+MAIN_JOB = False
 ERRORS = (0.0, 0.004, 0.01, 0.02)  # m and rad, on each axis
 INTERVALS = {"delay": (0.0, 0.2, 0.5, 1.0), "jitter": (0.0, 0.05, 0.12, 0.25)}  # shares of delta
 LABELS = {

@@ -18,7 +18,7 @@ from sdhj.arm.workspace import Disk, Line
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.runs import SUBSTEPS, score_interval
 
-STUDY = True
+MAIN_JOB = False
 INSTANTS = 400  # of each interval, at which collisions are looked for
 BULLET = Disk(Line((0.10, 2.6), (0.0, -20.0)), 0.005)  # crosses the workspace in 0.03 s, within the second interval
 WORKSPACES = {"the paper's obstacles": OBSTACLES, "one at 20 m/s": (BULLET,)}

@@ -26,7 +26,7 @@ from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import Trajectory, admissible_states, rollouts
 from sdhj.table.batches import Table
 
-STUDY = True
+MAIN_JOB = False
 RUNS = 10_000
 EIGHT = [[0.0, 0.0]] + [[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)]  # to stand, and eight directions
 

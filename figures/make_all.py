@@ -3,4 +3,4 @@
 from common import command, write_all
 
 if __name__ == "__main__":
-    command("Every figure", lambda context, out: write_all(context, out, studies=True))()
+    command("Every figure", lambda context, out: write_all(context, out))()

@@ -45,7 +45,7 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
     click.echo("drawing the figures")
     tables.pop("certified", None)  # the figures show interpolated tubes
-    write_all(Context(tables=tables, seed=seed, say=click.echo), out, studies=False)
+    write_all(Context(tables=tables, seed=seed, say=click.echo), out, main_job=True)
     click.echo(f"{out}: done in {time.perf_counter() - began:.0f} s")
 
 

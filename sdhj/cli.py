@@ -43,7 +43,7 @@ from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
-from sdhj.table.controller import RULES, Controller
+from sdhj.table.controller import Controller
 from sdhj.table.files import (
     TEMPORARIES,
     VERSION,
@@ -53,6 +53,7 @@ from sdhj.table.files import (
     replaced_whole,
     writable_file,
 )
+from sdhj.table.rules import RULES
 from sdhj.table.store import functions_of, head_of_store, is_store
 
 
@@ -418,9 +419,7 @@ def plot_command(
     """Draw the tubes of a table on a slice, or a run."""
     from sdhj import plotting
 
-    if output.suffix not in (".png", ".svg"):
-        raise ValueError(f"-o must end in .png or .svg, got {output}")
-    writable_file(output)
+    plotting.looks.writable_picture(output, (".png", ".svg"))
     read = load(table, problem=None if problem is None else user_problem(problem))
     along, through = slice_of(read.grid, axes, at)
     with plotting.style():

@@ -22,8 +22,9 @@ import numpy as np
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import whole
 from sdhj.problem.cost import Meter, begin
+from sdhj.problem.describing import arrays_of
 from sdhj.problem.memory import available, require
-from sdhj.problem.problem import ReachAvoidProblem, arrays_of
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, method_of

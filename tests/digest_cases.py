@@ -197,7 +197,7 @@ def six() -> Any:
 
 def robot() -> Any:
     """A random robot, everything of which depends on state, input and time, beside a disk that moves."""
-    import robots  # which reads figures/, of which a script has to be told first
+    import robots  # which reads figures/studies/, of which a script has to be told first
 
     return robots.random_robot(6).problem()
 

@@ -317,5 +317,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.path.append(str(Path(__file__).parents[1] / "figures"))  # as pytest has it
+    sys.path.append(str(Path(__file__).parents[1] / "figures" / "studies"))  # as pytest has it
     sys.exit(main())

@@ -13,7 +13,7 @@ import toys
 
 import sdhj
 from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.kernels.lookup import LOOK
+from sdhj.kernels.true_sets import LOOK
 from sdhj.table.batches import Table
 from sdhj.table.table import LookupTable
 

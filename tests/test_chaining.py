@@ -9,7 +9,7 @@ from toys import interval_problem, unicycle_problem
 
 import sdhj
 from sdhj.formulas.graph import ordered
-from sdhj.table.controller import Relay
+from sdhj.table.relay import Relay
 
 CERTIFIED = sdhj.Certified(cells=(80,))
 

@@ -17,7 +17,9 @@ import sdhj
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import LOOKED, settle
 from sdhj.table.batches import CHUNK, Batch, Table
-from sdhj.table.controller import RULES, Candidates, Controller, fallbacks
+from sdhj.table.beside import fallbacks
+from sdhj.table.controller import Controller
+from sdhj.table.rules import RULES, Candidates
 from sdhj.table.table import AvoidTubes, LookupTable
 
 

@@ -182,7 +182,7 @@ def test_functions_are_called_with_what_they_name():
         ({"inputs": [1.0]}, r"inputs must have shape \(L, m\) with at least one row, got \(1,\)"),
         ({"inputs": np.zeros((0, 1))}, r"at least one row, got \(0, 1\)"),
         ({"inputs": [["fast"]]}, "inputs must be real numbers"),
-        ({"inputs": np.zeros((300, 1)), "drift": np.zeros((300, 1))}, "300 inputs; at most 256"),
+        ({"inputs": np.zeros((65_537, 1)), "drift": np.zeros((65_537, 1))}, "65537 inputs; at most 65536"),
         ({"drift": [[np.inf]]}, "drift has a NaN or an infinity"),
         ({"gain": [["a"]]}, "gain must be real numbers"),
         ({"bounds": [-0.1]}, r"bounds must be a row of half-widths >= 0, got \[-0.1\]"),

@@ -181,7 +181,7 @@ OURS = {"sdhj", "course"} | {
         ("sdhj/certified/**/*.py", ["arb"]),
         ("sdhj/arm/*.py", ["plot"]),  # an arm is drawn with shapely
         ("sdhj/plotting/*.py", ["plot"]),
-        ("figures/*.py", ["plot", "bench", "physics"]),
+        ("figures/**/*.py", ["plot", "bench", "physics"]),
         ("notebooks/course/**/*.py", ["notebooks"]),
         ("tests/**/*.py", ["test", "bench", "gym", "physics"]),  # without them, tests are skipped
     ],
@@ -198,7 +198,7 @@ def test_imports_are_declared(pattern: str, extras: list[str]) -> None:
 
 def test_no_dependency_is_for_nothing() -> None:
     """Every dependency is imported by the package, every package of an extra somewhere."""
-    everywhere = imported("sdhj/**/*.py", "figures/*.py", "notebooks/course/**/*.py", "tests/**/*.py")
+    everywhere = imported("sdhj/**/*.py", "figures/**/*.py", "notebooks/course/**/*.py", "tests/**/*.py")
     for text in PROJECT["dependencies"]:
         assert Requirement(text).name in imported("sdhj/**/*.py")
     tools = {"jupyterlab", "nbval", "pytest-benchmark", "pytest-xdist"}  # used without an import

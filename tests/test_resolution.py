@@ -9,7 +9,7 @@ import pytest
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.problem.problem import least_in_cells
+from sdhj.problem.nodes import least_in_cells
 from sdhj.solver.resolution import ResolutionWarning, check_resolution, too_thin
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])

@@ -12,7 +12,7 @@ import toys
 
 import sdhj
 from sdhj import Controller, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Sensing, TargetSet, UnsafeSet
-from sdhj.table.controller import predicted
+from sdhj.table.beside import predicted
 from sdhj.table.files import header
 
 EXACT = HopfLax("linear")

@@ -11,7 +11,8 @@ import toys
 import sdhj
 from sdhj.certified import Certified
 from sdhj.table.batches import Table
-from sdhj.table.controller import Controller, fallbacks
+from sdhj.table.beside import fallbacks
+from sdhj.table.controller import Controller
 
 MOST, ENDS, FASTEST = 0.5, 0.9, 0.8  # of the adversary's acceleration, m/s^2; of position, m, and speed, m/s
 

@@ -9,7 +9,7 @@ import toys
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
 from sdhj.problem.steepness import rates
-from sdhj.table.controller import predicted
+from sdhj.table.beside import predicted
 
 PLANE = Grid([-np.pi, -3.0], [np.pi, 3.0], [21, 21], [True, False])
 

@@ -2,7 +2,7 @@
 
 Their geometry and motion are written here once more, from the README and the paper; of the library the controller's
 inputs are asked for, nothing else. (Aircraft and converter: figures/test_safety_examples; carts: test_ends and
-test_safety; the maze: figures/test_maze; the skater: test_shield; what depends on time: test_timed.)
+test_safety; the maze: figures/studies/test_maze; the skater: test_shield; what depends on time: test_timed.)
 """
 
 import re

@@ -12,16 +12,16 @@ from matplotlib.figure import Figure
 from course.widgets import show
 from sdhj import plotting
 
-FIGURES = Path(__file__).resolve().parents[2] / "figures"
+STUDIES = Path(__file__).resolve().parents[2] / "figures" / "studies"
 
 
 def experiment() -> ModuleType:
-    """`figures/experiment.py`; whether it can play in MuJoCo, `plays` says."""
-    sys.path.insert(0, str(FIGURES))
+    """`figures/studies/experiment.py`; whether it can play in MuJoCo, `plays` says."""
+    sys.path.insert(0, str(STUDIES))
     try:
         return importlib.import_module("experiment")
     finally:
-        sys.path.remove(str(FIGURES))
+        sys.path.remove(str(STUDIES))
 
 
 def plays() -> bool:

@@ -9,7 +9,8 @@ import sdhj
 from course.draw.sets import canvas
 from sdhj.arm.workspace import Disk, Line, Segment, Still
 from sdhj.kernels import FloatArray
-from sdhj.problem.problem import Dynamics, ReachAvoidProblem
+from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames
 from sdhj.solver.resolution import ResolutionWarning

@@ -31,8 +31,9 @@ from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import threads
-from sdhj.table.controller import RULES, predicted, squared_distances
+from sdhj.table.beside import predicted, squared_distances
 from sdhj.table.files import replaced_whole, writable_file
+from sdhj.table.rules import RULES
 
 FIELDS = ("steps", "select", "safe", "filter", "clear")  # of a word, in this order
 BLOCK_SIDES = {1: 256, 2: 16, 3: 6, 4: 4, 5: 3, 6: 3}  # cells of a block along each axis

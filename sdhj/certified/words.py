@@ -13,7 +13,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.words import FREE, INPUTS, NOTHING, keep, look_up
 from sdhj.table.batches import CHUNK, NOT_ADMISSIBLE, Batch
-from sdhj.table.controller import RULES, Candidates
+from sdhj.table.rules import RULES, Candidates
 
 FIRST_SLOTS = 1 << 10  # for words, at first
 MOST_SLOTS = 1 << 23  # where half of so many are used, all are forgotten

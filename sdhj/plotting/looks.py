@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sdhj.kernels import FloatArray
-from sdhj.table.files import Named, probed, replaced_whole, unwritable
+from sdhj.table.files import Named, probed, replaced_whole, unwritable, writable_file
 
 Looks = dict[str, Any]  # keywords of Matplotlib's patches
 State = Sequence[float] | FloatArray  # one state (ndim,)
@@ -74,6 +74,14 @@ def writable_folder(folder: Named) -> Path:
         raise unwritable(folder, error) from error
     probed(folder)
     return folder
+
+
+def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
+    """Raise ValueError or OSError before long work where a picture, if there is one, cannot be drawn and written."""
+    if path is not None:
+        writable_file(path)
+        if path.suffix.lower() not in suffixes:
+            raise ValueError(f"{path} must end in {' or '.join(suffixes)}, which selects the file type of the picture")
 
 
 def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pdf", "png")) -> list[Path]:

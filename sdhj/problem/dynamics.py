@@ -18,7 +18,7 @@ from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
 
-MOST_INPUTS = 256
+MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
 Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
 
@@ -32,7 +32,7 @@ class Dynamics:
     Parameters
     ----------
     inputs : (L, m) array
-        The quantised inputs u_j, at most 256.
+        The quantised inputs u_j, at most 65,536. Memory and time grow with their number, and both are said before a solve.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
         Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional

@@ -40,9 +40,9 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.interval import Interval
-from sdhj.problem.problem import ReachAvoidProblem, carried
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.steepness import rates
+from sdhj.problem.steepness import carried, rates
 
 CORRECTIONS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
 SAME_INPUT = 1e-6  # an input of the problem and one of a record, relative to the largest

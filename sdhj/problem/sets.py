@@ -1,7 +1,7 @@
 """The target L and the unsafe set G of Eq. (3), as level-set functions of some of the axes.
 
 Both are closed (Definition 5): a state is unsafe if g <= 0, and has reached the target if s <= 0 and g > 0. The samples
-of g that solvers use are negative wherever g <= 0 (`sdhj.problem.problem.closed`), so boundary nodes are unsafe.
+of g that solvers use are negative wherever g <= 0 (`sdhj.problem.nodes.closed`), so boundary nodes are unsafe.
 """
 
 import os
@@ -20,7 +20,9 @@ from sdhj.problem.maps import map_level_set, polygon_level_set
 from sdhj.problem.tubes import table_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
-STEEP = 10.0  # factor inside sets of sampling="steep": in figures/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+STEEP = (
+    10.0  # factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+)
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 LARGEST = 1e15  # level-set value: beyond it squares of differences overflow in single precision

@@ -16,6 +16,7 @@ BEGINNING_BOXES = 4096  # boxes that a search for the greatest value begins with
 HALVED = 1024  # of them at a time, those with the greatest bounds
 ROUNDS_OF_HALVING = 30
 SETTLED_WITHIN = 1 + 1e-3  # the bound is at most this times a value that is taken: the search ends
+TERMS = 60  # of an exponential series
 SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis that is no jump
 
 
@@ -147,3 +148,15 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
             ends = dynamics.each["gain"][j].bounds(*_boxes(reads, low, high), time)
             push = np.maximum(push, (np.abs(ends).max(axis=0) @ most).max(axis=0))
     return slope, push
+
+
+def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
+    """Solution w(duration) of dw/dt = slope w + push, w(0) = box, (ndim,), by a series without negative terms."""
+    ndim = len(box)
+    rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
+    rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push
+    total = term.copy()
+    for place in range(1, TERMS):
+        term = rate @ term * (duration / place)
+        total += term
+    return total[:ndim]

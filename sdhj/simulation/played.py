@@ -4,12 +4,14 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
@@ -27,6 +29,13 @@ EVER = 60  # steps of a run at the end of a solve without a number of steps
 FILTERED = 20_000  # states ahead for which a commander looks at what comes nearest, and so many runs behind the filter
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
 EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
+MOST_CORNERS = 2**23  # numbers
+FEW = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
+HOPELESS = (
+    "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so what "
+    "is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
+    'disturbance, a shorter delta or a larger target; method="certified" promises only what it proves'
+)
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
 
 
@@ -38,6 +47,8 @@ class Played:
     lost: int  # how many of them did not end as "reached"
     adversary: str
     ways: Mapping[str, int]  # runs lost in each way, which names the unsafe set or the axis whose end was crossed
+    outside: int  # how many began outside the target, so that anything had to be done; all without a target
+    outside_lost: int  # how many of these were lost
     advice: str  # what would reduce the losses; empty where no run was lost
 
     @property
@@ -45,9 +56,17 @@ class Played:
         """95 % confidence interval of the share of lost runs (Wilson's score interval)."""
         return score_interval(self.lost, self.runs)
 
+    @property
+    def alarming(self) -> bool:
+        """Whether, with 95 % confidence, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
+        outside = score_interval(self.outside_lost, self.outside) if self.outside else (0.0, 1.0)
+        return max(self.interval[0], outside[0]) > ALARMING
+
     def __str__(self) -> str:
         low, high = self.interval
         message = f"{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
+        if self.outside < self.runs:
+            message += f", {self.outside_lost} of {self.outside} from outside the target"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
         return message + (f": {ways}. {self.advice}" if self.lost else "")
 
@@ -94,8 +113,28 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
         message[outcome] + places.get(run, "something") if outcome in message else str(OUTCOMES[outcome])
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
-    advice = _advice(table, ways, runs) if ways else ""
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), advice)
+    problem = table.problem
+    outside = np.ones(runs, np.bool_) if problem.stays else problem.target_value(starts, problem.time(0)) > 0
+    left_it = int(outside[lost].sum())
+    advice = ""
+    if ways:
+        hopeless = left_it > 0 and outside.sum() >= FEW and not _leads_in(problem, starts[outside])
+        advice = HOPELESS if hopeless else _advice(table, ways, runs)
+    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
+
+
+def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
+    """Whether from one of these states (M, ndim) an input leads into the target, whatever the disturbance does.
+
+    The corners of the box that the input can lead to after an interval are asked, which is necessary, not sufficient.
+    Where none does so from outside the target, nothing can be promised there within one step, so within none.
+    """
+    corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
+    states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
+    low, high = problem.interval(0).reachable(states)
+    ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])
+    values = problem.target_value(ends.reshape(-1, problem.grid.ndim), problem.time(1))
+    return bool((values.reshape(*ends.shape[:3]).max(axis=2) <= 0).any())
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
@@ -154,9 +193,10 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
     found = played(table, runs, play if table.problem.sensing else worst)
-    if found.interval[0] > ALARMING or (apart and found.lost >= ALARMING * found.runs):
+    if found.alarming or (apart and found.lost >= ALARMING * found.runs):
         warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
-    return {"played": {"runs": found.runs, "lost": found.lost, "ways": dict(found.ways)}}
+    counts = {name: getattr(found, name) for name in ("runs", "lost", "outside", "outside_lost")}
+    return {"played": counts | {"ways": dict(found.ways)}}
 
 
 def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]:
@@ -197,7 +237,9 @@ def _emptied(table: Table, share: float) -> str:
     gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
     but = "hardly from any for all steps" if problem.stays else gains
     less = "a smaller error, delay or jitter, " if problem.sensing else ""
+    outside = np.empty(0) if problem.stays else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
+    nodes = "more nodes or " if problem.stays or _leads_in(problem, outside) else "a smaller disturbance or "
     return message + (
         f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; use {less}stronger "
-        "inputs, more nodes or another delta"
+        f"inputs, {nodes}another delta"
     )

@@ -24,7 +24,8 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, at_vertices, first_moment
 from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
-from sdhj.table.controller import Controller, predicted
+from sdhj.table.beside import predicted
+from sdhj.table.controller import Controller
 
 LOST = np.finfo(np.float64).max  # worse than any level-set value
 

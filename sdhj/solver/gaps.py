@@ -16,7 +16,8 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, beside
+from sdhj.problem.nodes import beside
+from sdhj.problem.problem import ReachAvoidProblem
 
 # cells that the disturbance has to push and that a gap has to be wide, if shifted and by differences: of what a line of
 # gaps promises .001 to .002 is wrong at such a push, and less than .02 at such a width, for pushes of 1/4 to 32 cells

@@ -23,7 +23,8 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import ReachAvoidProblem, led_into, shrunk
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.uncertain import led_into, shrunk
 from sdhj.solver.avoid import dangers, never_felt, tube_of
 from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends

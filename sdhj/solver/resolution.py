@@ -19,7 +19,8 @@ from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
-from sdhj.problem.problem import ReachAvoidProblem, _steepest, beside
+from sdhj.problem.nodes import beside, steepest
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
 ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points an axis, three times as fine as before
@@ -184,7 +185,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
     """The warning for a part of the set between the nodes, and what follows; empty if there is none."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     spacing = np.array(grid.spacing)
-    bound, corners = sum(_steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
+    bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
     for axis in range(grid.ndim):
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0

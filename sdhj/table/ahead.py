@@ -8,8 +8,9 @@ import numpy as np
 from sdhj.formulas.formula import program
 from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import LOOK, LOOK_TIMES, LOOKED, judge, propose, spots_for
 from sdhj.kernels.tape import Tape, packed
+from sdhj.kernels.true_sets import LOOK, LOOKED, judge, propose, spots_for
+from sdhj.kernels.tubes import LOOK_TIMES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 

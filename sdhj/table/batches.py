@@ -13,8 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import LOOK, ONLY_LOOK
 from sdhj.kernels.tape import Tape
+from sdhj.kernels.true_sets import LOOK, ONLY_LOOK
 from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -124,6 +124,8 @@ class Table:
     def __repr__(self) -> str:
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
+        if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
+            lost += f", {counts['outside_lost']} of {counts['outside']} from outside the target"
         return (
             f"<{type(self).__name__} of {problem.name!r}, method {self.method!r}: {nodes} nodes, "
             f"{len(problem.inputs)} inputs, {self.steps} steps of {problem.delta:g} s; "

@@ -6,20 +6,18 @@ both questions (`notebooks/site/queries.md` says how), and a rule selects one of
 """
 
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import product
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.lookup import ONLY_LOOK
 from sdhj.problem.checks import finite_array, number, plain_array, real_array, states_array, whole
-from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table
+from sdhj.table.beside import Fallback, Filtered, commands_of, fallbacks, predicted, squared_distances
+from sdhj.table.rules import RULES, Candidates, Rule
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
@@ -38,72 +36,6 @@ class NotAdmissible(ValueError):
         ...
     sdhj.table.controller.NotAdmissible: state [...] is not admissible at step 0: ...
     """
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
-
-    Attributes
-    ----------
-    problem : ReachAvoidProblem
-    step : int
-        The step k at which the inputs start.
-    rows, inputs : (P,) int array
-        Index of the state in the batch, and of the input in problem.inputs.
-    states : (P, ndim) array
-    steps_to_go : (P,) int array
-    margins : (P,) array
-        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
-    successors : (P, ndim) array
-        Where the input leads in one interval without a disturbance.
-    """
-
-    problem: ReachAvoidProblem
-    batch: Batch
-    rows: FloatArray  # (P,) int, the index of the state in the batch
-    inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
-
-    @property
-    def step(self) -> int:
-        """The step k at which the inputs start."""
-        return self.batch.step
-
-    @property
-    def states(self) -> FloatArray:
-        """(P, ndim)."""
-        return self.batch.states[self.rows]
-
-    @property
-    def steps_to_go(self) -> FloatArray:
-        """(P,) int."""
-        return self.batch.steps_to_go[self.rows]
-
-    @property
-    def margins(self) -> FloatArray:
-        """(P,), as `Batch.margins`: the largest value of the next tube that the adversary can bring about."""
-        return self.batch.margins[self.batch.safe]
-
-    @property
-    def depths(self) -> FloatArray:
-        """(P,), the margins or, for ever, the depths by the game's value (`Batch.game`)."""
-        return self.batch.depths[self.batch.safe]
-
-    @property
-    def successors(self) -> FloatArray:
-        """(P, ndim), where the input leads in one interval without a disturbance."""
-        moves = self.problem.interval(self.step).displacements(self.batch.states)
-        moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
-        return self.problem.grid.clipped(moved)
-
-
-Rule = Callable[[Candidates], FloatArray]
-RULES: dict[str, Rule] = {  # the input of the least score is selected
-    "deepest": lambda among: among.depths,
-    "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
-    "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
-    "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
-}
 
 
 @dataclass(frozen=True)
@@ -134,57 +66,6 @@ class Action:
     promised: bool
     late: float
     missed: bool
-
-
-@dataclass(frozen=True)
-class Fallback:
-    """The input that stays clear of the unsafe sets best, for states from which reaching the target is not promised.
-
-    Attributes
-    ----------
-    input : int
-        Index into problem.inputs.
-    steps : int
-        For how many steps it is promised to stay clear, whatever the adversary does: 1 if the state is in the input's
-        avoid tube (up to interpolation; for a certified table by proof), else 0. Always 0 off the grid. That the target
-        will be reached is never promised.
-    hazard : float
-        Level-set value of that avoid tube at the state: <= 0 inside, -inf if there is no unsafe set.
-    """
-
-    input: int
-    steps: int
-    hazard: float
-
-
-@dataclass(frozen=True)
-class Filtered:
-    """The answer of `Controller.filter` for M states; for a single state, numbers and one command without the M.
-
-    Attributes
-    ----------
-    inputs : (M,) int
-        Indices into problem.inputs of the inputs to apply.
-    commands : (M, m)
-        These inputs.
-    changed : (M,) bool
-        Whether they differ from the wanted ones. They always do if a command between the quantised inputs was wanted,
-        because only quantised inputs are solved for.
-    overruled : (M,) bool
-        Whether an input nearer to the wanted one was refused because it is not safe.
-    promised : (M,) bool
-        Whether the table promises that the target can still be reached safely by the last step.
-    fallback : (M,) bool
-        Whether no input is safe, so that the best one is applied without a promise: `Batch.best` if the state is
-        admissible, else that of `Controller.fallback`.
-    """
-
-    inputs: Any
-    commands: FloatArray
-    changed: Any
-    overruled: Any
-    promised: Any
-    fallback: Any
 
 
 class Controller:
@@ -529,7 +410,7 @@ class Controller:
             q, wanted = q[None], wanted[None]
         states = states_array("states", q, self.problem.grid.ndim)
         inputs, rows = self.problem.inputs, np.arange(len(states))
-        commands, index = _commands(inputs, wanted, len(rows))
+        commands, index = commands_of(inputs, wanted, len(rows))
         distances = squared_distances(inputs, commands)  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
@@ -621,110 +502,3 @@ class Controller:
                 "calls, for example the level-set functions of the problem"
             )
         return scores
-
-
-def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
-    """Where measurements (M, ndim) of step k will be after the delay under the previous inputs (M,): (M, ndim).
-
-    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
-    off the grid by more than its error is what is predicted.
-    """
-    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
-    measured = states_array("a measurement", measured, grid.ndim)
-    states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
-    off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
-    if not delay:
-        return np.where(off, measured, states)
-    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
-    still = np.zeros((len(states), problem.dynamics.adversaries))
-    for part in range(parts):
-        t = problem.time(step) - delay * (1 - part / parts)
-        states = interval.advance(states, previous, still, t, delay / parts)
-    return np.where(off, measured, states)
-
-
-def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
-
-    Inputs that fail `Table.passes` come last. Among equally deep tubes, as where nothing is unsafe, the input of the
-    least margin is chosen (`_margins`).
-    """
-    step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
-    hazards = table._hazards(states, step)
-    margins = np.zeros(hazards.shape)
-    if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
-        margins[tied] = _margins(table, states[tied], step)
-    some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
-    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
-    table._decide(looked, hazards, ONLY_LOOK, rows)
-    chosen, hazard = looked.best, hazards[rows, looked.best]
-    clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
-    if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
-        looked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
-    return chosen, (clear & (looked.steps_to_go > 0)).astype(np.int64), hazard
-
-
-def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """The largest value of the tube with all steps left, at the corners of the box that each input can lead to."""
-    low, high = table.problem.interval(step).reachable(states)
-    sides = _sides(table.grid.ndim)
-    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
-    left = np.full(len(states), table.steps - step - 1)
-    points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
-    ahead = table._values_at(points, step + 1, left)
-    return ahead.reshape(len(states), -1, len(sides)).max(axis=2)
-
-
-@cache
-def _sides(ndim: int) -> FloatArray:
-    return np.array(list(product((False, True), repeat=ndim)))
-
-
-def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
-    """Squares of the distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
-    return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
-
-
-def _commands(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """The wanted inputs as commands (count, m), and their indices (count,) if they were given as indices."""
-    if given.shape == (count,) and given.dtype.kind in "iu":
-        if not ((given >= 0) & (given < len(inputs))).all():
-            raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
-        return inputs[given], given
-    if given.shape != (count, inputs.shape[1]):
-        raise ValueError(
-            f"wanted must be, for each state, the index of an input or a command of {inputs.shape[1]} numbers: an "
-            f"array of int of shape ({count},) or one of shape ({count}, {inputs.shape[1]}), got {given.dtype} of "
-            f"shape {given.shape}"
-        )
-    return finite_array("wanted", given), None
-
-
-class Relay:
-    """Several controllers for chained problems: the last one for whose table a state is admissible chooses the input.
-
-    Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
-    the target of the problem of `second` (`TargetSet.from_table`).
-    """
-
-    def __init__(self, *controllers: Controller) -> None:
-        for one in controllers:
-            if not isinstance(one, Controller):
-                raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")
-        self.controllers = controllers
-
-    def choose(self, states: FloatArray, step: int) -> FloatArray:
-        """Which controller acts from each of the states (M, ndim) at a step, and the index of its input: (M, 2) int.
-
-        Both are -1 for a state that is admissible for none; the input alone is -1 if the state is in the last target
-        and no input is proved to lead back into it.
-        """
-        states = np.asarray(states, dtype=np.float64)
-        out = np.full((len(states), 2), -1)
-        for place, controller in enumerate(self.controllers):
-            at = 0 if controller.problem.timeless else step
-            if at <= controller.table.steps:
-                batch = controller.batch(states, at)
-                admitted = batch.steps_to_go >= 0
-                out[admitted] = np.stack([np.full(admitted.sum(), place), controller.choose(batch)[admitted]], axis=1)
-        return out

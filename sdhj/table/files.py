@@ -27,11 +27,13 @@ import numpy as np
 from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, whole
+from sdhj.problem.describing import TOLD, arrays_of, described, digest_of
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
-from sdhj.problem.problem import LAYOUT, MOST_SAMPLED, TOLD, ReachAvoidProblem, arrays_of, described, digest_of
+from sdhj.problem.problem import MOST_SAMPLED, ReachAvoidProblem
 from sdhj.problem.restoring import problem_from, tables_of, what_differs
 from sdhj.problem.sensing import Sensing
+from sdhj.problem.statement import LAYOUT
 from sdhj.table.batches import Table, entry
 
 TEMPORARIES: set[Path] = set()  # files that are being written

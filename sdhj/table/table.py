@@ -17,11 +17,14 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
-from sdhj.kernels.lookup import TUBES, avoid_values, decide, tube_values
+from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
+from sdhj.kernels.true_sets import TUBES
+from sdhj.kernels.tubes import avoid_values, tube_values
 from sdhj.problem.checks import axis_numbers, sealed
 from sdhj.problem.grid import Grid
-from sdhj.problem.problem import ReachAvoidProblem, shrunk, worst_around
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.uncertain import shrunk, worst_around
 from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Table, entry
 from sdhj.table.files import PACKING, stored, written_table

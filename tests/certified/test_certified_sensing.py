@@ -17,7 +17,7 @@ from sdhj.certified.cells import moved_bounds
 from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.kernels.packed import to_bits
-from sdhj.table.controller import predicted
+from sdhj.table.beside import predicted
 
 ALL = Sensing(0.005, 0.02, 0.005)
 PUSHES = ("switching", "to the post", "off the target")

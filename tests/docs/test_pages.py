@@ -19,7 +19,7 @@ from sdhj.formulas.graph import MOST_AXES, MOST_EXPONENT
 from sdhj.formulas.rules import RULES
 from sdhj.formulas.text import MOST_LINES, parsed
 from sdhj.kernels.tape import packed, play
-from sdhj.problem.problem import COMPARED_STATES
+from sdhj.problem.consistency import COMPARED_STATES
 
 SITE = ROOT / "notebooks" / "site"
 

@@ -37,8 +37,8 @@ def memory_of(name: str, nodes: int, method: str, memory: int, folder: Path) -> 
 
     One arena of the C library, as what several keep of freed memory depends on threads and chance.
     """
-    figures = Path(__file__).parents[2] / "figures"
-    paths = os.pathsep.join([str(figures), *filter(None, [os.environ.get("PYTHONPATH")])])
+    studies = Path(__file__).parents[2] / "figures" / "studies"
+    paths = os.pathsep.join([str(studies), *filter(None, [os.environ.get("PYTHONPATH")])])
     environment = os.environ | {"MALLOC_ARENA_MAX": "1", "PYTHONPATH": paths}
     command = [sys.executable, "-W", "ignore", "-c", CHILD, name, str(nodes), method, str(memory)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}

@@ -209,7 +209,7 @@ def test_own_functions_are_named_in_the_report() -> None:
     def still(m: Moment) -> np.ndarray:
         return np.zeros_like(m.previous)
 
-    def first(candidates: "sdhj.table.controller.Candidates") -> np.ndarray:
+    def first(candidates: "sdhj.table.rules.Candidates") -> np.ndarray:
         return candidates.inputs
 
     report = monte_carlo(Controller(toys.interval_table(), first), 50, still, progress=False)

@@ -1,11 +1,12 @@
 """Where the projection question matters: a car, two arms and a point in space, in five and six dimensions.
 
-`python figures/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec. 5.1),
-draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's choice
-is in those runs. Motion and adversary are written twice, for the problem and for the judge; distances once.
+`python figures/studies/large.py -o large.png` solves each problem in full and by projections onto one axis less (Sec.
+5.1), draws both, certifies what it can, and has `judge` play the tables: nothing of the library but the controller's
+choice is in those runs. Motion and adversary are written twice, for the problem and for the judge; distances once.
 `--store FOLDER` keeps the full tables there and solves them slab by slab.
 """
 
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -18,15 +19,18 @@ from typing import Any
 import click
 import judge
 import numpy as np
-from common import writable_picture
-from fig13_comparison import comparison_legend, draw_comparison, kept_share
 from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
 from sdhj.cli import SEED, plainly
 from sdhj.kernels import FloatArray
+from sdhj.plotting.looks import writable_picture
 from sdhj.table.batches import Table
+
+sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
+
+from fig13_comparison import comparison_legend, draw_comparison, kept_share
 
 Velocity = Callable[[FloatArray, FloatArray, FloatArray, float], FloatArray]  # (states, inputs (M, m), signs, t)
 Level = Callable[[FloatArray, float], FloatArray]

@@ -1,8 +1,8 @@
 """Robots that measure with an error, act late and by a clock that is off, against adversaries who choose all of it.
 
-`python figures/shaky.py --runs 1000000` plays so many runs of certified tables of an arm with a pursuer, a double
-integrator, a car and a point in the plane that has to brake (4-D). Of tables that know of it no run may be lost; the
-same attacks on tables that do not are the control. The methods on grids play a tenth as many.
+`python figures/studies/shaky.py --runs 1000000` plays so many runs of certified tables of an arm with a pursuer, a
+double integrator, a car and a point in the plane that has to brake (4-D). Of tables that know of it no run may be lost;
+the same attacks on tables that do not are the control. The methods on grids play a tenth as many.
 """
 
 import time

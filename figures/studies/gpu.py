@@ -1,10 +1,11 @@
 """The game of Sec. 4.1 on a graphics card: what the library's own functions take to run there, and how fast they are.
 
-`python figures/gpu.py` plays the arm's case study at 25^4 and at 40^4 nodes by method "hji" on a card of NVIDIA's, by
-numba-cuda, and on the processor with several numbers of threads, and compares every mark. Differences, numerical
-Hamiltonians and interpolation are the functions of `sdhj.kernels`, compiled for the card as they stand; written here
-is what differs there: which thread does what, where arrays lie, and in which order the table is filled in. All sets of
-one row of the table, which depend on the row below alone, are solved abreast, and joined to one another in the end.
+`python figures/studies/gpu.py` plays the arm's case study at 25^4 and at 40^4 nodes by method "hji" on a card of
+NVIDIA's, by numba-cuda, and on the processor with several numbers of threads, and compares every mark. Differences,
+numerical Hamiltonians and interpolation are the functions of `sdhj.kernels`, compiled for the card as they stand;
+written here is what differs there: which thread does what, where arrays lie, and in which order the table is filled in.
+All sets of one row of the table, which depend on the row below alone, are solved abreast, and joined to one another in
+the end.
 
 The card computes as the processor does once it is told not to fuse multiplications and additions (`as_written`): the
 tables then agree to the last bit. `rivals.py` keeps what was measured. Where no card is, NUMBA_ENABLE_CUDASIM=1 and

@@ -5,9 +5,9 @@ TAC 2017, doi 10.1109/TAC.2016.2593947): 15 walls, a corner to be reached, 7 x 7
 cells of 0.2 m x 0.2 m x 0.2 rad, walls grown by half a cell, and wins from 48,018 of 91,035 cells. Nothing here depends
 on time and no number of steps is given, so there is one tube for each number of steps to go, until none grows.
 
-`python figures/maze.py -o maze.png` certifies it (a minute), plays it and draws where the target can be reached from.
-`--method hji` is for tables of few steps: errors of the scheme in each of hundreds add up to standing still. Where
-walls, or the promises of the table, are lost between the nodes there is a refusal in place of a number.
+`python figures/studies/maze.py -o maze.png` certifies it (a minute), plays it and draws where the target can be reached
+from. `--method hji` is for tables of few steps: errors of the scheme in each of hundreds add up to standing still.
+Where walls, or the promises of the table, are lost between the nodes there is a refusal in place of a number.
 """
 
 import time
@@ -16,7 +16,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from common import writable_picture
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -24,7 +23,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.cli import plainly
 from sdhj.kernels import FloatArray
-from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style
+from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style, writable_picture
 from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import Table
 

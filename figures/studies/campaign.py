@@ -1,7 +1,7 @@
 """Many runs of several tables against several adversaries, one row for each pair.
 
-`python figures/campaign.py TABLE...` plays them; runs go in batches, so that tens of millions need no more memory than
-one batch.
+`python figures/studies/campaign.py TABLE...` plays them; runs go in batches, so that tens of millions need no more
+memory than one batch.
 """
 
 import csv

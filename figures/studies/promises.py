@@ -1,7 +1,7 @@
 """How many runs are lost that a table promises to win: a fleet of robots, each judged by who shares no code with it.
 
-`python figures/promises.py` solves a problem for each robot of `fleet`, draws starts uniformly from what its table
-holds, and has `referee` play them against six adversaries; a row for each robot and method, in promises.md and
+`python figures/studies/promises.py` solves a problem for each robot of `fleet`, draws starts uniformly from what its
+table holds, and has `referee` play them against six adversaries; a row for each robot and method, in promises.md and
 promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout; the rows "filtered" are runs in
 which a commander drives at what is unsafe and `Controller.filter` lets through what it finds safe.
 """
@@ -31,7 +31,7 @@ from sdhj.table.files import replaced_whole
 ROBOTS = {name: lambda build=build: build().problem() for name, build in FLEET.items()}  # of each its problem
 DRAWN = 50_000  # states among which starts are looked for, at a time
 MOST_DRAWN = 200  # times
-MARK = "<!-- promises: what `python figures/promises.py` writes into results/promises.md -->"
+MARK = "<!-- promises: what `python figures/studies/promises.py` writes into results/promises.md -->"
 EVER = 200  # steps that stand for ever
 
 

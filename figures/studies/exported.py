@@ -1,19 +1,23 @@
 """How large a certified table is in C: rows of the page on robots, of the README's car.
 
-python figures/exported.py            the rows of the page, some minutes
-python figures/exported.py 64,64,63   one of them
+python figures/studies/exported.py            the rows of the page, some minutes
+python figures/studies/exported.py 64,64,63   one of them
 """
 
+import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
-import extra_sensing
 
 import sdhj
 from sdhj.certified.export import FIELDS
 from sdhj.cli import plainly
+
+sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
+
+import extra_sensing
 
 CELLS = ("64,64,63", "120,120,126", "240,240,340", "594,594,277")
 ROW = "| {cells} | {share:.3f} | {all:,.0f} kB | {select:,.0f} kB | {each:.2f} µs |"

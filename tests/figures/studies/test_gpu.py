@@ -40,9 +40,11 @@ def problem() -> ReachAvoidProblem:
 @pytest.mark.slow
 def test_card_and_processor_agree_to_the_last_bit(tmp_path: Path) -> None:
     """Every number of every tube, and every mark: without fused operations both compute the same."""
-    path, root = tmp_path / "found.npz", Path(__file__).parents[2]
+    path, root = tmp_path / "found.npz", Path(__file__).parents[3]
     env = os.environ | {"NUMBA_ENABLE_CUDASIM": "1", "NUMBA_DISABLE_JIT": "1"}
-    env["PYTHONPATH"] = os.pathsep.join(str(folder) for folder in (root, root / "figures", root / "tests" / "figures"))
+    env["PYTHONPATH"] = os.pathsep.join(
+        str(folder) for folder in (root, root / "figures" / "studies", Path(__file__).parent)
+    )
     subprocess.run([sys.executable, "-W", "ignore", "-c", SIMULATED, path], env=env, check=True)
     table, steps = sdhj.solve(problem(), progress=False, play=False), 2
     with np.load(path) as found:

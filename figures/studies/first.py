@@ -1,6 +1,6 @@
 """What the first answer compiles: CPU seconds of a process that finds nothing on disk, step by step, kernel by kernel.
 
-    python figures/first.py car
+    python figures/studies/first.py car
 
 Each step is made in turn: the problem, its solution, the runs that `solve` plays, the first `select`. A kernel's own
 seconds are without those of the kernels that it calls, which are compiled with it.
@@ -14,15 +14,19 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import click
-import extra_sensing
 import numpy as np
 from numba.core.event import Listener, install_listener
 
 import sdhj
 from sdhj.cli import plainly
+
+sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
+
+import extra_sensing
 
 CLOCK = time.process_time
 LINES = 30  # kernels that are listed

@@ -11,7 +11,7 @@ from maze import SCOTS_SHARE, SIDE, TARGET, WALLS, maze, solved, to_box, to_wall
 import sdhj
 from sdhj.table.batches import Table
 
-NUMBERS = Path(__file__).parents[2] / "notebooks" / "site" / "numbers.md"
+NUMBERS = Path(__file__).parents[3] / "notebooks" / "site" / "numbers.md"
 
 
 def test_the_distance_to_the_walls(rng: np.random.Generator) -> None:

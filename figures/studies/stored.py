@@ -1,11 +1,11 @@
 """What a store costs.
 
-`python figures/stored.py` tells the CPU seconds of solves in memory, of solves in memory that are then saved, and of
-solves with a store, in turn; of each the fewest. `python figures/stored.py --robot hunted --nodes 20 --method lax
---memory 3800000000` solves one problem with a store, once: its slabs, time, the most memory that the process had, disk,
-and the share won.
-With `--workers 1` the same slabs are solved once more by a Dask cluster of so many processes: what a task costs beside
-what it does, and how many bytes go through the scheduler and through the store.
+`python figures/studies/stored.py` tells the CPU seconds of solves in memory, of solves in memory that are then saved,
+and of solves with a store, in turn; of each the fewest. `python figures/studies/stored.py --robot hunted --nodes 20
+--method lax --memory 3800000000` solves one problem with a store, once: its slabs, time, the most memory that the
+process had, disk, and the share won. With `--workers 1` the same slabs are solved once more by a Dask cluster of so
+many processes: what a task costs beside what it does, and how many bytes go through the scheduler and through the
+store.
 """
 
 import gc

@@ -1,21 +1,26 @@
 """How long two standard examples of discretised control take to certify on one thread, beside published times.
 
-`python figures/rivals.py` certifies the vehicle in a maze (`maze.py`) and the voltage converter (`extra_dcdc.py`), both
-until nothing changes, in seconds of CPU time, compiling apart. SCOTS's shares are those of its examples `vehicle` and
-`dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on its own host: the same
-problems, by other methods on other machines.
+`python figures/studies/rivals.py` certifies the vehicle in a maze (`maze.py`) and the voltage converter
+(`extra_dcdc.py`), both until nothing changes, in seconds of CPU time, compiling apart. SCOTS's shares are those of its
+examples `vehicle` and `dcdc`; the times are those that Dionysos.jl publishes for its own abstractions of the two, on
+its own host: the same problems, by other methods on other machines.
 
 `ON_H100` and `ON_H200` are stored results, of hj_reachability and of `gpu.py`: few have such cards.
 """
 
 import os
+import sys
 import time
+from pathlib import Path
 
-import extra_dcdc
 import maze
 import numba
 
 import sdhj
+
+sys.path.append(str(Path(__file__).parents[1]))  # the scripts are no package to install
+
+import extra_dcdc
 
 # By nodes on each axis, s: the arm's 900 PDEs by hj_reachability on one H100, all 25 inputs abreast and one by one, and
 # the whole game (avoid tubes, PDEs, union and marks) by sdhj on 2 and on 16 cores of the same machine, in one run.

@@ -18,7 +18,6 @@ from xml.sax.saxutils import quoteattr
 
 import click
 import numpy as np
-from common import writable_picture
 from tqdm import tqdm
 
 import sdhj
@@ -26,6 +25,7 @@ from sdhj import plotting
 from sdhj.cli import RUNS, SEED, plainly
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
+from sdhj.plotting.looks import writable_picture
 from sdhj.problem.checks import whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES

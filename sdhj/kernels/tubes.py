@@ -1,0 +1,335 @@
+"""Compiled answers from the tubes of a table: steps to go, safe inputs and margins, avoid tubes, values at points.
+
+A *span* is the stretch of consecutive nodes on one axis that an interval of coordinates touches; a *block* holds the
+values at a product of spans.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdhj.kernels.compiling import UNCOUNTED, kernel
+from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid, weighted
+from sdhj.kernels.tape import BLOCK, TABLES, part
+
+TINY = 1e-9  # a weight below it is rounding: the state is on the other node
+CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
+
+# What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
+# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (4, ndim):
+# between what coordinates are clipped, and the ends of the grid; when the interval begins; and three tapes: what inputs
+# lead to, the unsafe sets and the target, the two of points with the time as one more coordinate.
+AT_STATIC, AT_MOVING, AT_ORDER, LOOK_TIMES, AT_FACES, AT_BEGIN, AT_AHEAD = range(
+    len(Lattice._fields), len(Lattice._fields) + 7
+)
+AT_UNSAFE = AT_AHEAD + TABLES + 1
+AT_TARGET = AT_UNSAFE + TABLES + 1
+
+
+class Shelf(NamedTuple):
+    """A look-up table as compiled code reads it, every function on a grid flat.
+
+    steps; game, the place in tubes of the values by which inputs are selected, -1 where those of the next tube are;
+    index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L, size
+    of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
+    """
+
+    steps: int
+    game: int
+    index: Any
+    tubes: Any
+    masks: Any
+    static: Any
+    static_axes: Any
+    moving: Any
+    moving_axes: Any
+
+
+class Room(NamedTuple):
+    """Room to work in.
+
+    hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
+    index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a block: the first
+    node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
+    where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
+    at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
+    """
+
+    hull: Any
+    axes: Any
+    index: Any
+    weight: Any
+    marks: Any
+    begin: Any
+    rest: Any
+    offsets: Any
+    values: Any
+    centre: Any
+
+
+@kernel(**UNCOUNTED)
+def _fewest_steps(shelf, first, most, index, weight, count):
+    """Fewest n in 0..most whose interpolated tube, entry first + n, is <= 0, or -1. Tubes grow with n: bisection."""
+    if not (weighted(shelf.tubes, shelf.index[first + most], index, weight, count) <= 0.0):
+        return -1
+    low, high = 0, most
+    while low < high:
+        middle = (low + high) // 2
+        if weighted(shelf.tubes, shelf.index[first + middle], index, weight, count) <= 0.0:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel(**UNCOUNTED)
+def _mark(masks, place, index, count, marks):
+    """marks[j] = whether every node around a state marks u_j."""
+    for byte in range(masks.shape[1]):
+        bits = np.uint8(255)
+        for c in range(count):
+            bits &= masks[place, byte, index[c]]
+        for j in range(8 * byte, min(8 * byte + 8, marks.size)):
+            marks[j] = (bits >> np.uint8(j - 8 * byte)) & 1
+
+
+@kernel(**UNCOUNTED)
+def _gather(values, state, column, order, lattice, room):
+    """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
+    offsets, rest = room.offsets, room.rest
+    offsets[0], rest[state.size] = 0, 1
+    for a in range(state.size - 1, -1, -1):
+        axis = order[a]
+        nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
+        for later in range(axis + 1, state.size):
+            stride *= lattice.extent[later]
+        begin, _ = locate(state[axis] + room.hull[column, 0, axis], axis, lattice)
+        end, _ = locate(state[axis] + room.hull[column, 1, axis], axis, lattice)
+        room.begin[a], rest[a] = begin, (end + 2 - begin) * size
+        for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
+            shift = among(begin + i - lattice.first[axis], nodes) * stride
+            for c in range(size if a > 0 else 0):
+                offsets[i * size + c] = offsets[c] + shift
+            for c in range(size if a == 0 else 0):
+                room.values[rest[0] + i * size + c] = values[offsets[c] + shift]
+
+
+@kernel(**UNCOUNTED)
+def _reduce(values, source, nodes, rest, near, far):
+    """Maximum over an interval along the leading axis of values[source:] (nodes, rest), to values[rest:] (rest,).
+
+    near and far: weight of the second node at the interval's low end, of the last node at its high end. Views, because
+    loops over them vectorise.
+    """
+    last = source + (nodes - 1) * rest
+    first, second = values[source : source + rest], values[source + rest : source + 2 * rest]
+    before_last, final = values[last - rest : last], values[last : last + rest]
+    out = values[rest : 2 * rest]
+    for i in range(rest):
+        low = (1.0 - near) * first[i] + near * second[i]
+        high = (1.0 - far) * before_last[i] + far * final[i]
+        out[i] = max(low, high)
+    for node in range(1, nodes - 1):
+        within = values[source + node * rest : source + (node + 1) * rest]
+        for i in range(rest):
+            out[i] = max(out[i], within[i])
+
+
+@kernel(**UNCOUNTED)
+def _worst_values(values, state, ends, column, order, lattice, room, out):
+    """out[j] = maximum of the interpolated `values` over the box of input j around a state.
+
+    The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
+    unsafe end has +inf, one that is past a safe end with all it has -inf.
+    """
+    _gather(values, state, column, order, lattice, room)
+    low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
+    for j in range(out.size):
+        same, lost, left = j > 0, False, False  # as for the input before
+        for a in range(order.size):
+            axis = order[a]
+            same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
+            lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
+            lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
+            left = left or state[axis] + high[j, axis] < lattice.left[axis]
+            left = left or state[axis] + low[j, axis] > lattice.left[order.size + axis]
+            if not same:
+                first, near = locate(state[axis] + low[j, axis], axis, lattice)
+                last, far = locate(state[axis] + high[j, axis], axis, lattice)
+                source = rest[a] + (first - room.begin[a]) * rest[a + 1]
+                _reduce(room.values, source, last - first + 2, rest[a + 1], near, far)
+        out[j] = np.inf if lost else -np.inf if left else room.values[1]
+
+
+@kernel(**UNCOUNTED)
+def _depths(shelf, state, ends, column, order, lattice, room, out):
+    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
+
+    Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
+    has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
+    """
+    _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, out)
+    centre, index, weight = room.centre, room.index[1], room.weight[1]
+    for j in range(out.size):
+        for axis in range(state.size):
+            centre[axis] = state[axis] + 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
+        count = corners(centre, room.axes, lattice, TINY, index, weight)
+        out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(shelf.tubes, shelf.game, index, weight, count)
+
+
+@kernel(**UNCOUNTED)
+def _hazard(shelf, step, j, room, still, moving):
+    """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
+    value = weighted(shelf.static, j, room.index[0], room.weight[0], still)
+    place = step * room.marks.size + j
+    return max(value, weighted(shelf.moving, place, room.index[1], room.weight[1], moving))
+
+
+@kernel(**UNCOUNTED)
+def _of_tubes(shelf, step, state, lattice, room, margin, safe, depth):
+    """safe[j] from marks and margins, and the best input by depth; see `notebooks/site/queries.md`."""
+    best = -1
+    for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
+        safe[j] = room.marks[j] and margin[j] <= 0.0
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
+            best = j
+    if best >= 0:
+        return best
+    still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
+    moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
+    for j in range(safe.size):
+        safe[j] = margin[j] <= 0.0 and _hazard(shelf, step, j, room, still, moving) <= 0.0
+        if safe[j] and (best < 0 or depth[j] < depth[best]):
+            best = j
+    if best >= 0:
+        return best
+    best, least = 0, np.inf
+    for j in range(safe.size):
+        worse = max(depth[j], _hazard(shelf, step, j, room, still, moving))
+        one, other = shelf.game < 0 and room.marks[j], shelf.game < 0 and room.marks[best]
+        if one > other or (one == other and worse < least):
+            best, least = j, worse
+    return best
+
+
+@kernel(**UNCOUNTED)
+def by_tubes(m, column, states, when, shelf, ends, space, out):
+    """The answers for one state, but for the look at the true sets."""
+    (order, lattice, room), (to_go, safe, margins, best, depths), (step, within) = space, out, when
+    state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
+    here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
+    following = here + steps - step + 1  # the place of (step + 1, 0)
+    to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
+    if not on_grid(state, lattice):
+        return
+    count = corners(state, room.axes, lattice, TINY, index, weight)
+    if shelf.game < 0:
+        to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
+    elif weighted(shelf.tubes, shelf.game, index, weight, count) <= 0.0:
+        to_go[m] = steps - step
+    if to_go[m] < 0 or step == steps:
+        return
+    n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
+    _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
+    tube = shelf.tubes[shelf.index[following + n - 1]]
+    _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
+    if shelf.game >= 0:
+        _depths(shelf, state, ends, column, order, lattice, room, depths[m])
+    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m], depths[m])
+
+
+@kernel(**UNCOUNTED)
+def hull_of(ends, column, spacing, hull):
+    """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
+    size = 1.0
+    for axis in range(ends.shape[2]):
+        hull[0, axis], hull[1, axis] = ends[0, 0, axis, column], ends[1, 0, axis, column]
+        for j in range(1, ends.shape[1]):
+            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column])
+            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column])
+        size *= np.ceil((hull[1, axis] - hull[0, axis]) / spacing[axis] + 1e-6) + 2.0
+    return int(size)
+
+
+@kernel(**UNCOUNTED)
+def hazards(shelf, step, state, lattice, room, out):
+    """out[j] = the interpolated avoid tube of u_j at a state."""
+    still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
+    moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
+    for j in range(out.size):
+        out[j] = _hazard(shelf, step, j, room, still, moving)
+
+
+@kernel(inline="always")  # as its caller counts references, or does not
+def unpacked_lattice(ints, floats):
+    """The lattice that is first among packed arrays."""
+    lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
+    periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
+    left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
+    return Lattice(lower, spacing, shape, periodic, least, most, left, first, extent)
+
+
+@kernel()
+def working_room(columns, ndim, inputs, size):
+    """A `Room` for so many hulls, inputs and nodes of a block."""
+    around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
+    for axis in range(ndim):
+        axes[axis] = axis
+    nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
+    block = np.empty(size, np.int64), np.empty(2 * size)
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim))
+
+
+@kernel(nogil=True)
+def avoid_values(states, step, ints, floats, static, moving, out):
+    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
+
+    states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
+    """
+    axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
+    nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
+    shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
+    room = working_room(1, states.shape[1], out.shape[1], 0)
+    for m in range(out.shape[0]):
+        hazards(shelf, step, states[m], lattice, room, out[m])
+
+
+@kernel(**UNCOUNTED)
+def _interpolated(where, row, tubes, lattice, room, found):
+    """found[m] = the interpolated tubes[row[m]] at where[m], as by `corners` and `weighted`: loops that vectorise."""
+    (sides, index), (share, weight) = room
+    here, there, count = sides[0], sides[1], found.size
+    index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
+    for axis in range(where.shape[1]):
+        for m in range(count):
+            left, right = locate(where[m, axis], axis, lattice)
+            left += right >= 1.0 - TINY
+            share[0, m] = right if TINY <= right < 1.0 - TINY else 0.0
+            here[m] = among(left - lattice.first[axis], lattice.shape[axis])
+            there[m] = among(left + 1 - lattice.first[axis], lattice.shape[axis])
+        for c in range(1 << axis):
+            other = c + (1 << axis)
+            for m in range(count):
+                start, whole = index[c, m] * lattice.extent[axis], weight[c, m]
+                index[c, m], index[other, m] = start + here[m], start + there[m]
+                weight[c, m], weight[other, m] = whole * (1.0 - share[0, m]), whole * share[0, m]
+    for c in range(1 << where.shape[1]):
+        for m in range(count):
+            found[m] += weight[c, m] * tubes[row[m], index[c, m]] if weight[c, m] > 0.0 else 0.0
+
+
+@kernel(nogil=True)
+def tube_values(points, places, tubes, ints, floats, out):
+    """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
+
+    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite.
+    """
+    (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
+    where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
+    whole, shares = np.empty((2 + (1 << ndim), BLOCK), np.int64), np.empty((1 + (1 << ndim), BLOCK))
+    room = (whole[:2], whole[2:]), (shares[:1], shares[1:])
+    for at in range(0, found.size, BLOCK):
+        end = min(at + BLOCK, found.size)
+        for m in range(end - at):
+            row[m] = places[(at + m) // each]
+        _interpolated(where[at:end], row, tubes, lattice, room, found[at:end])

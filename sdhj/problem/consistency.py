@@ -1,0 +1,114 @@
+"""Whether the parts of a problem fit one another: formulas their functions, sets the nodes, sensing all the rest."""
+
+from itertools import product
+
+import numpy as np
+
+from sdhj.formulas.formula import Formula, compare
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import whole
+from sdhj.problem.grid import Grid
+from sdhj.problem.interval import INSTANTS
+from sdhj.problem.sampled import Sampled
+from sdhj.problem.sets import TargetSet, UnsafeSet
+from sdhj.problem.statement import Statement
+from sdhj.problem.uncertain import shrunk
+
+COMPARED_STATES = 200  # at which a formula is compared with the function that it was read from
+SWEPT_STATES = 1000  # at which `swept` is compared with the level-set function, each at INSTANTS of every interval
+EXCUSED = 1e-9  # of the values: that is no difference
+
+
+def compared_states(grid: Grid) -> FloatArray:
+    """Random states on a grid, a tenth of them at nodes, ends and zeros: (COMPARED_STATES, ndim)."""
+    rng = np.random.default_rng(0)
+    states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
+    for axis in range(grid.ndim):
+        inside = [0.0, -0.0] if grid.lower[axis] <= 0.0 <= grid.upper[axis] else []
+        kinds = np.concatenate([grid.nodes(axis), [grid.lower[axis], grid.upper[axis]], inside])
+        states[: COMPARED_STATES // 10, axis] = rng.choice(kinds, COMPARED_STATES // 10)
+    return grid.wrapped(states)
+
+
+def compared_times(problem: Statement) -> list[float]:
+    """Times at which functions are compared, from the first to after the last; numbers, as the time is."""
+    return [share * problem.delta for share in (0.0, 0.7)] + [
+        share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
+    ]
+
+
+def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
+    """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
+    states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
+    spans = [(t, t + problem.delta) for t in times]
+    for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
+        if isinstance(formula, Formula) and formula.source is not None:
+            for when in each:
+                compare(formula, formula.source, states, *when)
+            object.__setattr__(formula, "source", None)
+
+
+def check_swept(problem: Statement, part: UnsafeSet) -> None:
+    """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
+    grid, rng = problem.grid.subgrid(part.axes), np.random.default_rng(0)
+    points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
+    lasting = problem.sensing.hold(problem.delta)[0]
+    for step in np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, SWEPT_STATES)).astype(int)).tolist():
+        t0, t1 = problem.span(step)
+        swept = part.swept(points, t0, t1)
+        for t in (t0 + INSTANTS * lasting).tolist():
+            excess = swept - part.level_set(points, t)
+            if excess.max() > EXCUSED * float(np.abs(swept).max()):
+                worst = points[int(excess.argmax())].tolist()
+                raise ValueError(
+                    f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
+                    f"function at t = {t:g}, at {worst}; it must be at most that at every time of the interval, or "
+                    "leave it out: the library then sweeps the set itself"
+                )
+
+
+def try_goals(problem: Sampled) -> None:
+    """Raise ValueError where no node is in the target and safe; a function may be undefined or out of range at one."""
+    steps, target = range((problem.steps or 0) + 1), problem.target
+    for part, step in product(problem.pieces(), steps):
+        if (part.target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
+            return
+    if problem.stays:
+        raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
+    points = problem.grid.subgrid(target.axes).points()
+    if not any((target.level_set(points, problem.time(step)) <= 0).any() for step in steps):
+        raise ValueError(
+            "no grid node is in the target at any step: it lies off the grid or falls between nodes, or its "
+            "level-set function has the wrong sign (negative is inside); move or enlarge it, or use more nodes"
+        )
+    raise ValueError(
+        "no grid node is in the target and safe at any step: the unsafe sets swallow the target; move it, or "
+        "check the sign of their level-set functions (negative is inside)"
+    )
+
+
+def check_sensing(problem: Sampled) -> None:
+    """Raise ValueError if a problem does not fit its sensing."""
+    sensing, grid, delta = problem.sensing, problem.grid, problem.delta
+    if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
+        raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")
+    whole("rest", sensing.rest, least=0, most=len(problem.inputs) - 1)
+    if sensing.delay + 2 * sensing.jitter > delta:
+        raise ValueError(
+            f"delay + 2 jitter must be at most delta, {delta:g} s, or a measurement could come before the previous "
+            f"input has started; got {sensing.delay:g} + 2 x {sensing.jitter:g}"
+        )
+    steps, j = range((problem.steps or 0) + 1), sensing.jitter
+    if j and (problem.target.moving or problem.dynamics.timed or problem.view_time == "instantaneous"):
+        raise ValueError(
+            "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
+            'must be "swept" or "sampled"'
+        )
+    if grid.has("safe"):
+        raise ValueError('with sensing no end of the grid may be "safe": it is uncertain when the state has passed it')
+    goals = (problem.goal(step) for step in steps)
+    if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):
+        raise ValueError(
+            f"the state is known to within {np.round(problem.half_widths[0], 6).tolist()} only, and no box of twice "
+            "that around a grid node is in the target and safe; reduce error or delay, or enlarge the target"
+        )

@@ -1,0 +1,63 @@
+"""A problem as plain numbers, text and arrays: what files and digests say of it."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.text import FORMAT
+from sdhj.kernels import FloatArray
+from sdhj.problem.statement import Statement
+
+VALUES_KEPT = 1000  # values of a black box that a file keeps
+BOX_STEPS = 4  # times among them
+TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")  # in a file
+
+
+def described(problem: Statement) -> dict[str, Any]:
+    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
+    functions = {}
+    for name, lines in problem.texts[0].items():
+        one: Any = problem.functions[name]
+        functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
+    formulas = {"format": FORMAT, "functions": functions, "opaque": problem.opaque}
+    return problem.numbers | {"problem": problem.name, "formulas": formulas}
+
+
+def arrays_of(problem: Statement) -> dict[str, FloatArray]:
+    """The arrays that belong to a description, by the names that a file gives them."""
+    tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
+    return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
+
+
+def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256, hexadecimal, of what the head of a file says of a problem, names included, and of its arrays.
+
+    The error of measurements may be stated once for all axes. Two problems with one digest have one table.
+    """
+    said: dict[str, Any] = {name: told[name] for name in TOLD}
+    if "error" in said["sensing"]:
+        error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
+        said["sensing"] = said["sensing"] | {"error": error}
+    held = {}
+    for name, values in arrays.items():
+        numbers: Any = np.ascontiguousarray(values, "<f8")
+        held[name] = [list(values.shape), hashlib.sha256(numbers).hexdigest()]
+    return hashlib.sha256(json.dumps([said, held], sort_keys=True).encode()).hexdigest()
+
+
+def blackbox_values(problem: Statement, name: str) -> FloatArray:
+    """Values of a black box at random states and some times: what tells one from another, (values,)."""
+    function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
+    if name.startswith(("unsafe", "target", "swept")):
+        part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]
+        grid = grid.subgrid(part.axes)
+    states, found = rng.uniform(grid.lower, grid.upper, (VALUES_KEPT // BOX_STEPS, grid.ndim)), []
+    for step in range(BOX_STEPS):
+        t = step * problem.delta * problem.most_steps / BOX_STEPS
+        given: tuple[Any, ...] = (problem.inputs[step % len(problem.inputs)], t) if name in ("drift", "gain") else (t,)
+        given = (t, t + problem.delta) if name.startswith("swept") else given
+        found.append(function(states, *given).ravel())
+    return np.concatenate(found)

@@ -1,0 +1,169 @@
+"""Level-set functions at the nodes of a grid: sampled and checked, closed on their boundary, or bounded by cell."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.grid import Grid, Window
+from sdhj.problem.sets import LARGEST, STEEP
+
+SMALLEST = float(np.finfo(np.float32).tiny)  # smaller level-set values become 0, so that nodes outside count as inside
+AROUND = 6  # nodes on each side that `closed` depends on
+# Shares of the largest value at the corners of the grid (`size_of`):
+HAIR = 1e-9  # below 0: values so close to 0 count as 0 inside a set
+ON_BOUNDARY = 2.0**-90  # below 0, at a node where a function is 0: negative in single precision, negligible
+FINE = 4  # parts of a cell's edge, in the search for the least value in the cell
+
+
+def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+    """Values of a level-set function at all nodes, shape grid.shape, asked for piece by piece."""
+    values = [supported(function, piece.points(), name) for piece in grid.pieces()]
+    return np.concatenate(values).reshape(grid.shape)
+
+
+def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
+    """Values of a level-set function at nodes; ValueError where single precision does not support them."""
+    values = function(points)
+    if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
+        raise ValueError(
+            f"level set of {name!r} may be undefined or infinite at {points[int(np.argmin(finite))].tolist()}, by the "
+            "bounds over pieces of an interval of time, which are wider than its values; keep what is under a root or "
+            "divides from 0, as in np.sqrt(np.maximum(x, 0.0)), give swept=, or use view_time='sampled'"
+        )
+    if (largest := float(np.abs(values).max())) > LARGEST:
+        raise ValueError(
+            f"level set of {name!r} reaches {largest:.3g}, and single precision supports at most {LARGEST:g}; clip "
+            "it, because far from the boundary only the sign matters"
+        )
+    if (lost := values[(values != 0) & (np.abs(values) < SMALLEST)]).size:
+        raise ValueError(
+            f"level set of {name!r} is {lost[0]:.3g} at a node, and single precision rounds magnitudes below "
+            f"{SMALLEST:.2g} to 0, which would change the set; scale the function, or return 0 there"
+        )
+    return values
+
+
+def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
+    """The largest difference between neighbours along an axis; 0 where there is one node, as values are alike there."""
+    here, there = grid.edges(values, axis)
+    return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
+
+
+def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
+    """For each node, or cell, the value `by` on along an axis; `past` beyond a bounded end."""
+    out = np.roll(values, -by, axis)
+    if not grid.periodic[axis]:
+        ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
+        out[(slice(None),) * axis + (ends,)] = past
+    return out
+
+
+def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
+    """The largest value of a level-set function at the corners of a grid, of a window that of the whole grid.
+
+    What counts as rounding is relative to it, so that neither the unit nor the cut of the grid makes a difference. 1
+    where they all are 0 or undefined.
+    """
+    ends = [whole.nodes(axis)[[0, -1]] for whole in [getattr(grid, "whole", grid)] for axis in range(grid.ndim)]
+    corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
+    return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
+
+
+def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
+    """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed.
+
+    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
+    distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is therefore
+    extrapolated into the set with its slope just outside, which puts the boundary of a distance where it belongs. If
+    the slope at the set is steeper than before, as where the function jumps or is cut off, the set is assumed to end
+    next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
+    """
+    inside = np.nonzero(values <= 0.0)
+    level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
+    near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
+    flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
+    rim = flat & np.any([one > 0.0 for one in near], axis=0)
+    out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
+    if not rim.any():
+        return out
+    at, depth, fallen = tuple(index[rim] for index in inside), out[inside][rim], np.zeros(np.count_nonzero(rim))
+    for (axis, by), first in zip(steps, near, strict=True):
+        first, second = first[rim], _moved(grid, values, at, axis, 2 * by)
+        drop, rate = first - level[rim], second - first
+        fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
+        depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
+        fallen = np.where(first > 0.0, np.maximum(fallen, fall), fallen)
+    step = np.zeros(values.shape)
+    out[at], step[at] = depth, fallen
+    rest = tuple(index[flat & ~rim] for index in inside)
+    for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
+        falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
+        there = (_moved(grid, out, rest, *one) for one in steps)
+        depths = [np.where(fall > 0.0, one - fall, -np.inf) for one, fall in zip(there, falls, strict=True)]
+        found = falls.max(axis=0) > 0.0
+        at = tuple(index[found] for index in rest)
+        out[at], step[at] = np.max(depths, axis=0)[found], falls.max(axis=0)[found]
+        rest = tuple(index[~found] for index in rest)
+    return out
+
+
+def _moved(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
+    """Values at the nodes that are `by` nodes further along an axis than some nodes; NaN past a bounded end."""
+    n, moved = grid.shape[axis], at[axis] + by
+    found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
+    return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
+
+
+def with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
+    """A window enlarged by `AROUND` nodes on each side, and the index of the original window in its arrays."""
+    first, shape, places = [], [], []
+    for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
+        low, high = begin - AROUND, begin + count + AROUND
+        low, high = (low, high) if periodic else (max(low, 0), min(high, n))
+        low, high = (0, n) if high - low >= n else (low, high)
+        first.append(low % n)
+        shape.append(high - low)
+        places.append((begin + np.arange(count) - low) % n)
+    return grid.whole.window(first, shape), np.ix_(*places)
+
+
+def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """For each node, a lower bound on a level-set function in all cells that touch it, shape `grid.shape`.
+
+    It is the least, over the points z of a lattice of `FINE` parts per cell, of
+
+        f(z) - 1/2 sum over the axes of the largest |f(z') - f(z'')|,
+
+    with z' and z'' neighbours along the axis, both at most one part from z: so a steep function far away costs nothing.
+    The set of the interpolated bounds contains the true set. The lattice has points at both ends of a periodic axis, as
+    a function that is not periodic jumps between the two and not before them.
+    """
+    lines = [
+        np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
+        for low, high, n, periodic in zip(grid.lower, grid.upper, grid.shape, grid.periodic, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
+    values = np.asarray(function(points), dtype=np.float64).reshape([len(line) for line in lines])
+    values = values - sum(_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
+    for axis, periodic in enumerate(grid.periodic):
+        parts = values.shape[axis] - 1
+        around = np.clip(np.arange(0, parts + 1, FINE) + np.arange(-FINE, FINE + 1)[:, None], 0, parts)
+        values = np.minimum.reduce([values.take(places, axis) for places in around])
+        if periodic:  # its two ends are one node
+            first, last = values.take([0], axis), values.take([-1], axis)
+            values = np.concatenate([np.minimum(first, last), values.take(range(1, grid.shape[axis]), axis)], axis)
+    return np.where(values == 0.0, -ON_BOUNDARY, values)
+
+
+def _change_nearby(values: FloatArray, axis: int) -> FloatArray:
+    """For each point of a lattice the largest change between neighbours along an axis, both at most one point away."""
+    change = np.abs(np.diff(values, axis=axis))
+    change = np.maximum(
+        change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)
+    )
+    for other in set(range(values.ndim)) - {axis}:
+        last = values.shape[other] - 1
+        shifted = (np.clip(np.arange(last + 1) + by, 0, last) for by in (-1, 0, 1))
+        change = np.maximum.reduce([change.take(places, other) for places in shifted])
+    return np.asarray(change)

@@ -1,0 +1,157 @@
+"""A problem on its grid: level-set functions of targets and unsafe sets at its nodes, and at any state."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any, Self
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from sdhj.formulas.formula import Formula
+from sdhj.kernels import FloatArray, read_only
+from sdhj.problem.checks import number, points_array
+from sdhj.problem.grid import Grid, Window
+from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
+from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
+from sdhj.problem.statement import Statement
+
+RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
+SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
+
+
+@dataclass(frozen=True)
+class Sampled(Statement):
+    """A problem whose functions are sampled: at the nodes of its grid, of a window of it, or of the games' grid."""
+
+    @cached_property
+    def rimmed(self) -> Self:
+        """The problem on the games' grid, with `RIM` more nodes past each safe end; itself if there is none."""
+        grid = self.grid
+        rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
+        if not rim.any():
+            return self
+        past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
+        ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
+        wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
+
+        def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
+            ends, swept = grid.subgrid(part.axes).faces("safe"), part.swept
+            return replace(part, level_set=part.level_set.clipped(*ends), swept=swept and swept.clipped(*ends))
+
+        dynamics = self.dynamics.clipped(*grid.faces("safe"))
+        return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
+
+    def on(self, grid: Grid) -> Self:
+        """The problem on a window of its grid; properties of the whole grid keep their values."""
+        if grid is self.grid:
+            return self
+        part = object.__new__(type(self))  # its functions have been checked
+        kept = {one.name for one in fields(self)} | {"half_widths", "spread"}
+        part.__dict__.update({name: one for name, one in vars(self).items() if name in kept})
+        part.__dict__.update(grid=grid, _intervals={}, _static={})
+        if not (self.dynamics.timed or self.dynamics.stateless):
+            part._intervals[0] = self.interval(0).on(grid)
+        return part
+
+    def pieces(self) -> Iterator[Self]:
+        """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
+        return map(self.on, self.grid.pieces())
+
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
+        return sampled_on(self.grid.subgrid(axes), function, name)
+
+    def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+        """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
+        key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
+        known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
+        values = known.get(key)
+        if values is None:
+            values = read_only(self._sampled(part, lambda points: part.level_set(points, t)))
+        if not part.moving:
+            known[key] = self._static[key] = values
+        return values
+
+    def unsafe_over(
+        self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
+    ) -> FloatArray:
+        """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
+        axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
+        over = partial(part.over, t0=t0, t1=t1, view_time=view_time)
+        values = self._sampled(part, over) if part.moving else self.unsafe_at(part, t0)
+        grid = self.grid.subgrid(axes)
+        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
+
+    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """An unsafe set's function at the nodes, made `closed`, according to its `sampling`."""
+        grid, size = self.grid.subgrid(part.axes), size_of(self.grid.subgrid(part.axes), function)
+        if part.sampling == "cell":
+            whole = grid.whole if isinstance(grid, Window) else grid
+            values = least_in_cells(whole, lambda points: supported(function, points, part.name))
+            values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
+        else:
+            values = sampled_on(grid, function, part.name)
+            if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR * size)).any():
+                more, middle = with_nodes_around(grid)
+                values = closed(more, sampled_on(more, function, part.name), size)[middle]
+            else:
+                values = closed(grid, values, size)
+        return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
+
+    def goal(self, step: int) -> FloatArray:
+        """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
+
+        Without a target, L(t_k) is the grid up to its unsafe ends.
+        """
+        t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
+        values = self.target_at(t)
+        for part in self.unsafe:
+            over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
+            values = np.maximum(values, -grid.lift(over, part.axes))
+        if self.stays:
+            values = np.maximum(values, -grid.to_ends("unsafe"))
+        return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
+
+    def target_at(self, t: float) -> FloatArray:
+        """Level-set function of the target, in a shape that broadcasts to the grid's; -inf where there is none."""
+        grid, target = self.grid, self.target
+        if self.stays:
+            return np.full((1,) * grid.ndim, -np.inf)
+        found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+        return grid.lift(found, target.axes)
+
+    def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
+        """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
+        return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
+
+    def target_value(self, points: FloatArray, t: float) -> FloatArray:
+        """Level-set function of the target at states (M, ndim), without interpolation: (M,)."""
+        return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
+
+    def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
+        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision."""
+        points = points_array("points", points, self.grid.ndim)
+        return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
+
+    def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
+        """As `unsafe_value` at points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
+        ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
+        wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
+        firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
+        for part in self.unsafe:
+            for begin, end in pairwise(firsts) if part.moving else [(0, len(times))]:
+                at = wrapped[:, begin:end].take(part.axes, axis=2).reshape(-1, len(part.axes))
+                value = part.level_set(at, times[begin]).reshape(len(points), end - begin)
+                np.minimum(out[:, begin:end], value, out=out[:, begin:end])
+        return out
+
+    def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
+        """Whether points (M, ndim) are in no tube (step, within), whatever was computed: bool (M,).
+
+        They are in G, or within = 0 and they are not in the target, by the level-set functions without interpolation.
+        """
+        t = self.time(step)
+        lost = self.unsafe_value(points, t) <= 0.0
+        return lost if within or self.stays else lost | (self.target_value(points, t) > 0.0)

@@ -1,0 +1,155 @@
+"""A problem as it was stated: its fields, and what follows from them without looking at a grid's nodes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.formula import BlackBox, Formula
+from sdhj.formulas.graph import Lookup
+from sdhj.formulas.text import written
+from sdhj.kernels import FloatArray, kept
+from sdhj.problem.grid import Grid
+from sdhj.problem.interval import Interval
+from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import ANYWHERE, TargetSet, UnsafeSet
+from sdhj.problem.steepness import carried, rates
+
+FOREVER = 1000  # steps at most for a problem without a number of steps
+LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
+
+
+@dataclass(frozen=True)
+class Statement:
+    """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them."""
+
+    grid: Grid
+    dynamics: Any
+    target: TargetSet | Any
+    unsafe: tuple[UnsafeSet, ...]
+    delta: float
+    steps: int | Any
+    view_time: str = "swept"
+    name: str = "problem"
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    sensing: Sensing = field(default_factory=Sensing)
+    _intervals: dict[int, Interval] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _static: dict[Any, FloatArray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def most_steps(self) -> int:
+        """N, or the most steps that are solved for a problem without a number of steps."""
+        return self.steps or FOREVER
+
+    @property
+    def stays(self) -> bool:
+        """Whether there is no target, so that the task is only to stay clear of the unsafe sets."""
+        return self.target is ANYWHERE
+
+    @property
+    def inputs(self) -> FloatArray:
+        """The inputs u_j that the robot can choose from, (L, m): one in each row, as they were given to `Dynamics`."""
+        return self.dynamics.inputs
+
+    def time(self, step: int) -> float:
+        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`."""
+        return step * self.delta + self.sensing.delay
+
+    def span(self, step: int) -> tuple[float, float]:
+        """Earliest start and latest end of the input of step k, s, including jitter."""
+        return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
+
+    @kept
+    def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
+
+        With memory to hold the next point that is carried on: by what E grows, and by what a push does in the end.
+        """
+        sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
+        if not sensing:
+            return nothing, nothing
+        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+        if sensing.memory:
+            return box, self.spread - push * sensing.hold(self.delta)[0]
+        return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
+
+    @kept
+    def spread(self) -> FloatArray:
+        """By how much more than E a state of c +- E is off where c alone is led, an interval later: (ndim,)."""
+        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        box = carried(slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay)
+        return carried(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
+
+    def interval(self, step: int) -> Interval:
+        """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
+        step = step if self.dynamics.timed else 0
+        if step not in self._intervals:
+            lasts = self.sensing.hold(self.delta)
+            self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
+        return self._intervals[step]
+
+    def moves(self, part: UnsafeSet) -> bool:
+        """Whether the avoid tubes of an unsafe set differ from step to step."""
+        return part.moving or self.dynamics.timed
+
+    def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
+        """The axes on which the avoid game of an unsafe set is solved: the set's, and those their velocities depend on.
+
+        Also those with safe ends, because a state that has left through one can no longer collide.
+        """
+        safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
+        return self.interval(0).closed({*part.axes, *np.flatnonzero(safe).tolist()})
+
+    @cached_property
+    def timeless(self) -> bool:
+        """Whether nothing depends on time: not the dynamics, the target or an unsafe set."""
+        return not (self.dynamics.timed or self.target.moving or any(part.moving for part in self.unsafe))
+
+    @property
+    def opaque(self) -> dict[str, str]:
+        """Of each function that is a black box its name, and what its author declares of it."""
+        boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
+        fields = ("reads", "slope", "rate", "enclosure")
+        known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
+        return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
+
+    def black_box(self, name: str) -> BlackBox:
+        """The black box of that name."""
+        found = self.functions[name]
+        assert isinstance(found, BlackBox)
+        return found
+
+    @property
+    def functions(self) -> "dict[str, Formula | BlackBox]":
+        """All functions of the problem, by the names that files give them."""
+        dynamics = self.dynamics
+        named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
+        named |= {"bounds": dynamics.bounds, "target": None if self.stays else self.target.level_set}
+        for place, part in enumerate(self.unsafe):
+            named |= {f"unsafe {place}": part.level_set, f"swept {place}": part.swept}
+        return {name: part for name, part in named.items() if part is not None}
+
+    @property
+    def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
+        """The formulas as lines, by name, and the tables that they look up."""
+        tables: list[Lookup] = []
+        found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
+        return found, tables
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Everything that a table depends on beside functions, as it stands in the head of a file."""
+        sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
+        target = [] if self.stays else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
+        return {
+            "delta": self.delta,
+            "steps": self.steps,
+            "view_time": self.view_time,
+            "grid": {name: getattr(self.grid, name) for name in LAYOUT},
+            "inputs": self.inputs.tolist(),
+            "sensing": self.sensing.told,
+            "sets": target + sets,
+        }

@@ -1,0 +1,56 @@
+"""What the sets of a problem become where the state is known to within a box E: see `sdhj.problem.sensing`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.boxes import maximum_over_boxes
+from sdhj.problem.statement import Statement
+
+
+def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
+    """Level-set function of the points around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    axes = range(problem.grid.ndim) if axes is None else axes
+    grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
+    if not box.any():
+        return values
+    ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
+    for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
+        nodes = grid.nodes(axis)
+        beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
+        out = np.maximum(out, beyond.astype(out.dtype))
+    return out
+
+
+def led_into(problem: Statement, values: FloatArray) -> FloatArray:
+    """Level-set function of the points that an interval has to lead to so that what follows is in {values <= 0}.
+
+    That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.
+    """
+    grown = problem.half_widths[1]
+    if not problem.sensing.memory:
+        return shrunk(problem, values)
+    if not grown.any():
+        return values
+    ((_, out),) = maximum_over_boxes(problem.grid, values, -grown[None], grown[None], "linear")
+    return out
+
+
+def worst_around(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
+    """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
+
+    It is at one of the ends of the box and the nodes in between on each axis, clipped at walls, or at the point.
+    """
+    grid, columns = problem.grid, []
+    if not problem.half_widths[0].any():
+        return grid.interpolate(values, points)
+    for axis, (width, lower, h) in enumerate(zip(problem.half_widths[0], grid.lower, grid.spacing, strict=True)):
+        x = points[:, axis, None]
+        nodes = lower + h * (np.ceil((x - width - lower) / h) + np.arange(int(2 * width / h) + 1))
+        between = [x - width, np.minimum(nodes, x + width), x + width]
+        columns.append(np.concatenate(between, axis=1) if width else x)
+    places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
+    found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
+    around = np.concatenate([points[:, None], grid.clipped(found)], axis=1)
+    return grid.interpolate(values, around.reshape(-1, grid.ndim)).reshape(around.shape[:2]).max(axis=1)

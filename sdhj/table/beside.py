@@ -1,0 +1,142 @@
+"""What a controller does beside selecting: predict, filter what others want, stay clear where nothing is promised."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.kernels.true_sets import ONLY_LOOK
+from sdhj.problem.checks import finite_array, states_array, whole
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
+
+
+@dataclass(frozen=True)
+class Fallback:
+    """The input that stays clear of the unsafe sets best, for states from which reaching the target is not promised.
+
+    Attributes
+    ----------
+    input : int
+        Index into problem.inputs.
+    steps : int
+        For how many steps it is promised to stay clear, whatever the adversary does: 1 if the state is in the input's
+        avoid tube (up to interpolation; for a certified table by proof), else 0. Always 0 off the grid. That the target
+        will be reached is never promised.
+    hazard : float
+        Level-set value of that avoid tube at the state: <= 0 inside, -inf if there is no unsafe set.
+    """
+
+    input: int
+    steps: int
+    hazard: float
+
+
+def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
+
+    Inputs that fail `Table.passes` come last. Among equally deep tubes, as where nothing is unsafe, the input of the
+    least margin is chosen (`_margins`).
+    """
+    step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
+    hazards = table._hazards(states, step)
+    margins = np.zeros(hazards.shape)
+    if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
+        margins[tied] = _margins(table, states[tied], step)
+    some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
+    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
+    table._decide(looked, hazards, ONLY_LOOK, rows)
+    chosen, hazard = looked.best, hazards[rows, looked.best]
+    clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
+    if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
+        looked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
+    return chosen, (clear & (looked.steps_to_go > 0)).astype(np.int64), hazard
+
+
+def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
+    """The largest value of the tube with all steps left, at the corners of the box that each input can lead to."""
+    low, high = table.problem.interval(step).reachable(states)
+    sides = _sides(table.grid.ndim)
+    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
+    left = np.full(len(states), table.steps - step - 1)
+    points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
+    ahead = table._values_at(points, step + 1, left)
+    return ahead.reshape(len(states), -1, len(sides)).max(axis=2)
+
+
+@cache
+def _sides(ndim: int) -> FloatArray:
+    return np.array(list(product((False, True), repeat=ndim)))
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """The answer of `Controller.filter` for M states; for a single state, numbers and one command without the M.
+
+    Attributes
+    ----------
+    inputs : (M,) int
+        Indices into problem.inputs of the inputs to apply.
+    commands : (M, m)
+        These inputs.
+    changed : (M,) bool
+        Whether they differ from the wanted ones. They always do if a command between the quantised inputs was wanted,
+        because only quantised inputs are solved for.
+    overruled : (M,) bool
+        Whether an input nearer to the wanted one was refused because it is not safe.
+    promised : (M,) bool
+        Whether the table promises that the target can still be reached safely by the last step.
+    fallback : (M,) bool
+        Whether no input is safe, so that the best one is applied without a promise: `Batch.best` if the state is
+        admissible, else that of `Controller.fallback`.
+    """
+
+    inputs: Any
+    commands: FloatArray
+    changed: Any
+    overruled: Any
+    promised: Any
+    fallback: Any
+
+
+def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
+    """Squares of the distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
+    return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
+
+
+def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
+    """The wanted inputs as commands (count, m), and their indices (count,) if they were given as indices."""
+    if given.shape == (count,) and given.dtype.kind in "iu":
+        if not ((given >= 0) & (given < len(inputs))).all():
+            raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")
+        return inputs[given], given
+    if given.shape != (count, inputs.shape[1]):
+        raise ValueError(
+            f"wanted must be, for each state, the index of an input or a command of {inputs.shape[1]} numbers: an "
+            f"array of int of shape ({count},) or one of shape ({count}, {inputs.shape[1]}), got {given.dtype} of "
+            f"shape {given.shape}"
+        )
+    return finite_array("wanted", given), None
+
+
+def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
+    """Where measurements (M, ndim) of step k will be after the delay under the previous inputs (M,): (M, ndim).
+
+    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
+    off the grid by more than its error is what is predicted.
+    """
+    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
+    measured = states_array("a measurement", measured, grid.ndim)
+    states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
+    off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
+    if not delay:
+        return np.where(off, measured, states)
+    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
+    still = np.zeros((len(states), problem.dynamics.adversaries))
+    for part in range(parts):
+        t = problem.time(step) - delay * (1 - part / parts)
+        states = interval.advance(states, previous, still, t, delay / parts)
+    return np.where(off, measured, states)

@@ -1,0 +1,36 @@
+"""Several controllers that act one after the other."""
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.table.controller import Controller
+
+
+class Relay:
+    """Several controllers for chained problems: the last one for whose table a state is admissible chooses the input.
+
+    Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
+    the target of the problem of `second` (`TargetSet.from_table`).
+    """
+
+    def __init__(self, *controllers: Controller) -> None:
+        for one in controllers:
+            if not isinstance(one, Controller):
+                raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")
+        self.controllers = controllers
+
+    def choose(self, states: FloatArray, step: int) -> FloatArray:
+        """Which controller acts from each of the states (M, ndim) at a step, and the index of its input: (M, 2) int.
+
+        Both are -1 for a state that is admissible for none; the input alone is -1 if the state is in the last target
+        and no input is proved to lead back into it.
+        """
+        states = np.asarray(states, dtype=np.float64)
+        out = np.full((len(states), 2), -1)
+        for place, controller in enumerate(self.controllers):
+            at = 0 if controller.problem.timeless else step
+            if at <= controller.table.steps:
+                batch = controller.batch(states, at)
+                admitted = batch.steps_to_go >= 0
+                out[admitted] = np.stack([np.full(admitted.sum(), place), controller.choose(batch)[admitted]], axis=1)
+        return out

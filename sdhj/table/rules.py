@@ -1,0 +1,76 @@
+"""Rules by which a controller selects one of the inputs that are safe."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import Batch
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    step : int
+        The step k at which the inputs start.
+    rows, inputs : (P,) int array
+        Index of the state in the batch, and of the input in problem.inputs.
+    states : (P, ndim) array
+    steps_to_go : (P,) int array
+    margins : (P,) array
+        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
+    successors : (P, ndim) array
+        Where the input leads in one interval without a disturbance.
+    """
+
+    problem: ReachAvoidProblem
+    batch: Batch
+    rows: FloatArray  # (P,) int, the index of the state in the batch
+    inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
+
+    @property
+    def step(self) -> int:
+        """The step k at which the inputs start."""
+        return self.batch.step
+
+    @property
+    def states(self) -> FloatArray:
+        """(P, ndim)."""
+        return self.batch.states[self.rows]
+
+    @property
+    def steps_to_go(self) -> FloatArray:
+        """(P,) int."""
+        return self.batch.steps_to_go[self.rows]
+
+    @property
+    def margins(self) -> FloatArray:
+        """(P,), as `Batch.margins`: the largest value of the next tube that the adversary can bring about."""
+        return self.batch.margins[self.batch.safe]
+
+    @property
+    def depths(self) -> FloatArray:
+        """(P,), the margins or, for ever, the depths by the game's value (`Batch.game`)."""
+        return self.batch.depths[self.batch.safe]
+
+    @property
+    def successors(self) -> FloatArray:
+        """(P, ndim), where the input leads in one interval without a disturbance."""
+        moves = self.problem.interval(self.step).displacements(self.batch.states)
+        moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
+        return self.problem.grid.clipped(moved)
+
+
+Rule = Callable[[Candidates], FloatArray]
+RULES: dict[str, Rule] = {  # the input of the least score is selected
+    "deepest": lambda among: among.depths,
+    "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
+    "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
+    "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
+}
