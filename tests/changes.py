@@ -40,9 +40,9 @@ OPPOSITE = {a: b for pair in PAIRS for a, b in (pair, pair[::-1])}
 
 
 @cache
-def parsed(text: str) -> ast.Module:
-    """The tree of a text, which nobody changes."""
-    return ast.parse(text)
+def read(path: Path) -> list[ast.stmt]:
+    """The statements of a file, which nobody changes."""
+    return statements_of(ast.parse(path.read_text(encoding="utf-8")))
 
 
 @cache
@@ -56,21 +56,23 @@ def marks() -> dict[str, list[tuple[Path, int]]]:
     return found
 
 
-def headed(statement: ast.stmt) -> tuple[int, int]:
-    """The first and last line of a statement without the statements in it."""
-    simple = not any(isinstance(child, ast.stmt) for child in ast.iter_child_nodes(statement))
-    ends = [node.end_lineno or 0 for *_, node in parts(statement)]
-    return statement.lineno, (statement.end_lineno or 0) if simple else max([statement.lineno, *ends])
+def headed(statement: ast.stmt) -> int:
+    """The last line of a statement without the statements in it."""
+    if not any(isinstance(child, ast.stmt) for child in ast.iter_child_nodes(statement)):
+        return statement.end_lineno or 0
+    return max([statement.lineno, *(node.end_lineno or 0 for *_, node in parts(statement))])
 
 
-def marked(tree: ast.Module, line: int, text: str) -> ast.stmt:
-    """The statement that a mark on a line is about: the one it stands behind, or the next."""
-    alone = text.lstrip().startswith("#")
-    statements = [s for s in ast.walk(tree) if isinstance(s, ast.stmt) and (alone or s.lineno <= line <= s.end_lineno)]
-    if not alone or not (within := [s for s in statements if s.lineno < line <= s.end_lineno and line <= headed(s)[1]]):
-        within = [s for s in statements if (s.lineno > line if alone else headed(s)[0] <= line <= headed(s)[1])]
-        return min(within, key=lambda s: s.lineno) if alone else max(within, key=lambda s: s.lineno)
-    return max(within, key=lambda s: s.lineno)
+def marked(statements: list[ast.stmt], line: int) -> ast.stmt:
+    """The statement that a mark on a line is about: the one that it stands in or behind, or the next."""
+    around = [s for s in statements if s.lineno <= line <= (s.end_lineno or 0) and line <= headed(s)]
+    if around:
+        return max(around, key=lambda s: s.lineno)
+    return min((s for s in statements if s.lineno > line), key=lambda s: s.lineno)
+
+
+def statements_of(tree: ast.Module) -> list[ast.stmt]:
+    return [node for node in ast.walk(tree) if isinstance(node, ast.stmt)]
 
 
 # ---- expressions
@@ -197,18 +199,17 @@ def mutant(kind: str, row: str) -> tuple[str, ast.Module]:
     """The file in which marks of a kind stand and its tree with their changes: "4.2 drop 1; turn 3; 4.3 zero 5"."""
     pairs = [one.split(maxsplit=1) for one in marks_in(row)]
     (path,) = {at for number, _ in pairs for at, _ in standing(f"{kind} {number}")}
-    text = path.read_text(encoding="utf-8")
-    tree, lines, new = ast.parse(text), text.splitlines(), {}
+    tree, new = ast.parse(path.read_text(encoding="utf-8")), {}
     for number, change in pairs:
         for _, line in standing(f"{kind} {number}"):
-            statement = marked(tree, line, lines[line - 1])
+            statement = marked(statements_of(tree), line)
             new[id(statement)] = changed(statement, change)
             assert ast.dump(new[id(statement)]) != ast.dump(statement), f"{kind} {number}: {change} changes nothing"
     for node in list(ast.walk(tree)):
         for field, value in ast.iter_fields(node):
             if isinstance(value, list):
                 getattr(node, field)[:] = [_in_place(new.get(id(child)), child) for child in value]
-    return str(path.relative_to(LIBRARY)), ast.fix_missing_locations(tree)
+    return str(path.relative_to(LIBRARY)), ast.parse(ast.unparse(tree))  # what was copied to the left may be set now
 
 
 def marks_in(row: str) -> list[str]:
@@ -234,8 +235,7 @@ def unlisted(kind: str) -> list[str]:
 
 def statement_at(path: Path, line: int) -> ast.stmt:
     """What a mark on a line of a file is about."""
-    text = path.read_text(encoding="utf-8")
-    return marked(parsed(text), line, text.splitlines()[line - 1])
+    return marked(read(path), line)
 
 
 def _in_place(new: ast.AST | None, old: ast.AST) -> ast.AST:

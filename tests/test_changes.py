@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from changes import changed, changes, marked, marks, marks_in, parts, standing, statement_at
+from changes import changed, changes, marked, marks, marks_in, parts, standing, statement_at, statements_of
 
 TEXT = """
 for k in range(n):  # obligation 4.1
@@ -32,7 +32,7 @@ def number(text):
 
 @pytest.mark.parametrize(("line", "first"), [(2, "for"), (3, "if"), (5, "if"), (7, "found")])
 def test_a_mark_is_of_the_statement_that_it_stands_in_or_before(line, first):
-    assert ast.unparse(marked(TREE, line, TEXT.splitlines()[line - 1])).startswith(first)
+    assert ast.unparse(marked(statements_of(TREE), line)).startswith(first)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ MUTATIONS = {
     "the length of a piece": ("2.32 zero 2", "test_what_a_piece_adds"),
     "open sides of a jump": ("7.24 copy 16 11", "test_every_sample_is_inside"),
 }
-# the tests that the docstring of `sdhj.certified.sets` names for an obligation, of what is marked `# obligation 4` alone
+# the tests that the docstring of `sdhj.certified.sets` names: for what is marked `# obligation 4` alone
 TESTS = {
     number: " or ".join(re.findall(r"\btest_\w+(?!\w|\.py)", text))
     for number, text in re.findall(r"(?ms)^(\d+)\.  ?(.*?)(?=^\d+\. |^For robots)", sdhj.certified.sets.__doc__ or "")
