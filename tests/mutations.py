@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import multiprocessing
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numba
+import pytest
 from changes import LIBRARY, mutant
 
 TESTS = Path(__file__).parent
@@ -41,17 +43,39 @@ def _run(kind, change, test, tests, folder, *, compiled):
     file, tree = mutant(kind, change)
     shutil.copytree(LIBRARY, folder / "sdhj", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "sdhj" / file).write_text(ast.unparse(tree))
-    environment = os.environ | {
+    command = ["-o", "addopts=--import-mode=importlib", "-q", "-x", "-p", "no:cacheprovider", "-m", "not bench"]
+    command += [f"-c{TESTS.parent / 'pyproject.toml'}", *_holding(TESTS / tests, test), "-k", test]
+    process = SERVER.Process(target=tested, args=(str(folder), command, compiled))
+    process.start()
+    process.join(600)
+    process.kill()
+    process.join()
+    return subprocess.CompletedProcess(command, process.exitcode, (folder / "said").read_text(encoding="utf-8"))
+
+
+# Importing these takes longer than most of the tests: one process does, and each run is a copy of it.
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(["hypothesis", "matplotlib.pyplot", "numba", "pytest", "scipy.sparse"])
+
+
+def tested(folder, command, compiled):
+    """Run pytest on the library in `folder`, in a process of its own; what it prints is in a file there."""
+    os.chdir(folder)
+    os.environ |= {
         "NUMBA_DISABLE_JIT": "0" if compiled else "1",
-        "NUMBA_CACHE_DIR": str(folder / "cache"),
-        "PYTHONPATH": str(folder),
-        "PYTHONDONTWRITEBYTECODE": "1",
+        "NUMBA_CACHE_DIR": f"{folder}/cache",
+        "PYTHONPATH": folder,
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # starting those takes as long as most of these tests
     }
-    command = [sys.executable, "-m", "pytest", "-o", "addopts=--import-mode=importlib", "-q", "-x"]
-    command += ["-p", "no:cacheprovider", "-m", "not bench", f"-c{TESTS.parent / 'pyproject.toml'}"]
-    command += [*_holding(TESTS / tests, test), "-k", test]
-    return subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
+    numba.config.reload_config()
+    sys.dont_write_bytecode = True
+    sys.path[:0] = [folder]
+    with open("said", "wb", buffering=0) as said:
+        for stream in (1, 2):
+            os.dup2(said.fileno(), stream)
+    code = pytest.main(command)
+    sys.stdout.flush()
+    os._exit(code)
 
 
 def _holding(tests, name):
