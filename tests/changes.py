@@ -22,7 +22,9 @@ import re
 import sys
 from collections.abc import Iterator
 from functools import cache
+from io import StringIO
 from pathlib import Path
+from tokenize import COMMENT, generate_tokens
 
 LIBRARY = Path(__file__).parent.parent / "sdhj"
 MARK = re.compile(r"# (?P<kind>obligation|check) (?P<number>\d+(?:\.\d+)?)\b")
@@ -50,9 +52,10 @@ def marks() -> dict[str, list[tuple[Path, int]]]:
     """Where each mark stands: "obligation 4.2" -> files and lines. A bare "obligation 4" may stand in many places."""
     found: dict[str, list[tuple[Path, int]]] = {}
     for path in sorted(LIBRARY.rglob("*.py")):
-        for line, text in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            for mark in MARK.finditer(text):
-                found.setdefault(mark[0][2:], []).append((path, line))
+        text = path.read_text(encoding="utf-8")
+        for word in generate_tokens(StringIO(text).readline) if MARK.search(text) else ():
+            for mark in MARK.finditer(word.string) if word.type == COMMENT else ():
+                found.setdefault(mark[0][2:], []).append((path, word.start[0]))
     return found
 
 
