@@ -18,9 +18,9 @@ from matplotlib.lines import Line2D
 import sdhj
 from sdhj import plotting
 from sdhj.plotting.trajectories import WAY
+from sdhj.problem.findings import ProjectionWarning
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import Report, Trajectory
-from sdhj.solver.projections import ProjectionWarning
 from sdhj.table.batches import Table
 
 MAIN_JOB = False

@@ -28,8 +28,8 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.workspace import Disk, Still
 from sdhj.kernels import FloatArray
+from sdhj.problem.findings import ProjectionWarning
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.projections import ProjectionWarning
 
 MAIN_JOB = False
 ERRORS = (0.0, 0.004, 0.01, 0.02)  # m and rad, on each axis

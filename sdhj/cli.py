@@ -35,13 +35,13 @@ from sdhj.formulas.text import shown
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import announced
 from sdhj.problem.cost import MOST_OPERATIONS
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
-from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solving import load, solve
 from sdhj.table.controller import Controller
 from sdhj.table.files import (

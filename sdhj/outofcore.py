@@ -147,7 +147,7 @@ def planned(
     Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
     vector loops of the kernels otherwise than those of the whole grid.
     """
-    check_resolution(problem, stacklevel=4, most=LOOKED_AT)
+    check_resolution(problem, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
     axis, width = cut or (0, shape[0])
     plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, found)), axis, width)  # in one piece: without a halo

@@ -3,7 +3,6 @@
 import os
 import reprlib
 import time
-import warnings
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
@@ -15,6 +14,7 @@ from sdhj.kernels.compiling import announced, hidden
 from sdhj.outofcore import solve_stored
 from sdhj.problem.checks import number
 from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
+from sdhj.problem.findings import Finding, findings, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
@@ -23,7 +23,7 @@ from sdhj.solver.former import Former, Kept
 from sdhj.solver.methods import HJI, METHODS, HopfLax, Method, method_of
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, Sets, recursion
-from sdhj.solver.resolution import ResolutionWarning, check_sets
+from sdhj.solver.resolution import check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
 from sdhj.table.store import is_store, load_stored
@@ -78,6 +78,8 @@ def solve(
     Returns
     -------
     LookupTable; StoredTable if there is a store; CertifiedTable for method "certified"
+        What is warned of on the way, also before the solve, is in `table.details["findings"]` (not with a store), each
+        as a list of a cause, a number that says how much of it, and what helps.
 
     Raises
     ------
@@ -92,18 +94,22 @@ def solve(
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     most = number("operations", operations, above=0.0)
-    for message in suspicions(problem):
-        warnings.warn(message, ResolutionWarning, stacklevel=2)
     if store is not None:
+        for finding in suspicions(problem):
+            tell(finding)
         return solve_stored(problem, method, store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()
-    with announced(progress):
+    with announced(progress), findings() as found:
+        for finding in suspicions(problem):
+            tell(finding)
         sets = _filled(problem, method, progress, most)
         table = _reusable(sets.finish({"seconds": time.perf_counter() - started}), method)
-        played = _rehearsed(table, stacklevel=2) if play else {}
-        return replace(cast(Any, table), details=dict(table.details) | played) if played else table
+        said = _rehearsed(table) if play else {}
+        if found:
+            said = said | {"findings": [list(one[:3]) for one in found]}
+        return replace(cast(Any, table), details=dict(table.details) | said) if said else table
 
 
 def resolve(
@@ -167,8 +173,8 @@ def resolve(
     most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
     if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
         former = Former(table, problem, chosen, dangers(table.problem.rimmed))
-    for message in () if former and former.alike and former.same_target else suspicions(problem):
-        warnings.warn(message, ResolutionWarning, stacklevel=2)
+    for finding in () if former and former.alike and former.same_target else suspicions(problem):
+        tell(finding)
     started = time.perf_counter()
     with announced(progress):
         sets = _filled(problem, chosen, progress, most, former)
@@ -182,22 +188,18 @@ def _reusable(table: Table, method: Method, former: Former | None = None) -> Tab
     return replace(table, reusable=Kept(method, former.each, former.still) if former else Kept(method))
 
 
-def _rehearsed(table: Table, stacklevel: int) -> dict[str, Any]:
+def _rehearsed(table: Table) -> dict[str, Any]:
     """What simulated runs say of a solved table, for its details; the table is kept whatever they meet."""
     try:
-        if isinstance(table, CertifiedTable) and (message := scanty(table)):
-            warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
-        return {} if table.proved else judged_at_the_end(table, stacklevel + 1)
+        if isinstance(table, CertifiedTable):
+            tell(scanty(table))
+        return {} if table.proved else judged_at_the_end(table)
     except Warning:  # where the caller made warnings errors
         raise
     except (Exception, KeyboardInterrupt) as error:
         why = "they were interrupted" if isinstance(error, KeyboardInterrupt) else f"{type(error).__name__}: {error}"
-        warnings.warn(
-            f"the table is complete, but the runs that are simulated at the end of a solve did not finish: {why}. With "
-            "play=False they are left out",
-            ResolutionWarning,
-            stacklevel=stacklevel + 1,
-        )
+        cause = f"the table is complete, but the runs that are simulated at the end of a solve did not finish: {why}. "
+        tell(Finding(cause, 0.0, "With play=False they are left out"))
         return {}
 
 
@@ -233,9 +235,11 @@ def _filled(
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
+        if proving := isinstance(method, Certified):  # whose sets take half the time of a solve
+            check_sets(problem)
         sets = cast(Any, method).sets(problem, progress, *[former] * bool(former))
-        if not isinstance(sets, GridSets):
-            check_sets(problem, stacklevel=3)
+        if not (proving or isinstance(sets, GridSets)):
+            check_sets(problem)
         meter.tube()
 
         def done() -> None:

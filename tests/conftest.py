@@ -40,8 +40,8 @@ gc.set_threshold(100_000)
 # As many threads as a test asks for, however busy the machine is.
 free_cores, compiling.free_cores = compiling.free_cores, lambda: os.cpu_count() or 1
 
-judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table, stacklevel: {}
-scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: ""
+judged_at_the_end, sdhj.solving.judged_at_the_end = sdhj.solving.judged_at_the_end, lambda table: {}
+scanty, sdhj.solving.scanty = sdhj.solving.scanty, lambda table: None
 
 
 made_while_collecting: list[bool] = []

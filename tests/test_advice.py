@@ -13,9 +13,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import Dynamics, Grid, UnsafeSet
-from sdhj.solver.projections import ProjectionWarning
-from sdhj.solver.recursion import UnsettledWarning
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.problem.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 
 
 def bars(edge=3.9):

@@ -10,8 +10,8 @@ import pytest
 from slabbed import assert_bit_equal, room
 
 import sdhj
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.nodes import ON_BOUNDARY, closed
-from sdhj.solver.resolution import ResolutionWarning
 
 CENTRE, HALF = np.array([2.03, 1.47]), np.array([0.41, 0.52])  # of a box, m
 RUNS = 1000

@@ -13,9 +13,9 @@ import pytest
 
 import sdhj
 from sdhj.problem.cost import CALL, Meter
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.solver import games, recursion, schemes
 from sdhj.solver.methods import method_of
-from sdhj.solver.resolution import ResolutionWarning
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 

@@ -9,8 +9,9 @@ from toys import interval_problem
 
 import sdhj
 from sdhj import Controller, UnsafeSet
+from sdhj.problem.findings import UnsettledWarning
 from sdhj.simulation.runs import FOREVER_PLAYED
-from sdhj.solver.recursion import GridSets, UnsettledWarning
+from sdhj.solver.recursion import GridSets
 from sdhj.table.table import cells_inside
 
 NODES = (101, 101)

@@ -451,7 +451,7 @@ CASES = {
         lambda to: command("info", to / "t.h5"),
     ),
     "an ending": (
-        "-o must end in .png or .svg",
+        "t.gif must end in .png or .svg, which selects the file type",
         lambda to: (plane().save(to / "t.h5"), command("plot", to / "t.h5", "-o", to / "t.gif")),
         lambda to: command("plot", to / "t.h5", "-o", to / "t.png"),
     ),

@@ -5,6 +5,7 @@ A step is longer than the target is wide. The plain recursion knows no level-set
 """
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,9 +15,9 @@ import pytest
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.solver.games import HJIGames, past_ends
 from sdhj.solver.gaps import gaps
-from sdhj.solver.resolution import ResolutionWarning
 
 FIXED = HJI(Scheme(frame="fixed"))
 LOWER, UPPER = -2.0, 2.0
@@ -298,7 +299,7 @@ def test_the_frame_goes_no_farther_past_an_end_than_it_has_to() -> None:
 def warned(problem: ReachAvoidProblem, method: Any = "hji") -> tuple[str, Any]:
     with pytest.warns() as caught:
         table = sdhj.solve(problem, method)
-        sdhj.solving.warnings.warn("nothing", stacklevel=1)  # `pytest.warns` wants one
+        warnings.warn("nothing", stacklevel=1)  # `pytest.warns` wants one
     said = [str(one.message) for one in caught if issubclass(one.category, ResolutionWarning)]
     return " ".join(said), table
 

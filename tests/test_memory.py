@@ -9,7 +9,7 @@ import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.problem.findings import ResolutionWarning
 
 ERROR = np.array([0.002, 0.02])
 LEVELS = np.array([[-4.0], [-2.0], [0.0], [2.0], [4.0]])  # rad/s^2

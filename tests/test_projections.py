@@ -12,8 +12,9 @@ from toys import ends_of
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, Scheme, TargetSet, UnsafeSet
+from sdhj.problem.findings import ProjectionWarning
 from sdhj.solver.games import HJIGames, Pieces
-from sdhj.solver.projections import ProjectedGames, ProjectionWarning, checked_subspaces, default_subspaces
+from sdhj.solver.projections import ProjectedGames, checked_subspaces, default_subspaces
 from sdhj.solver.recursion import InputRows
 from sdhj.table.table import AvoidTubes
 

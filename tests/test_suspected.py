@@ -1,15 +1,13 @@
 """What is unusual in a problem is said aloud, once, with what to write; what is usual is not."""
 
-import warnings
-
 import numpy as np
 import pytest
 from fleet import FLEET
 from toys import torus_problem, unicycle_problem
 
 import sdhj
+from sdhj.problem.findings import ResolutionWarning, tell
 from sdhj.problem.suspected import suspicions
-from sdhj.solver.resolution import ResolutionWarning
 
 PI = np.pi
 
@@ -71,7 +69,7 @@ def test_what_is_unusual_is_said(name):
     make, says = SUSPECT[name]
     (said,) = suspicions(make())
     with pytest.warns(ResolutionWarning, match=says):
-        warnings.warn(said, ResolutionWarning, stacklevel=1)
+        tell(said)
 
 
 @pytest.mark.parametrize("name", USUAL)

@@ -1,6 +1,6 @@
 """Robots whose promises are judged: the true motion and the true sets of each, written once, and its problem.
 
-What a `Robot` holds is the robot itself, which the problem and the judge (`referee.trial`) have in common: how fast it
+What a `Robot` holds is the robot itself, which the problem and the judge (`judge.trial`) have in common: how fast it
 moves, where it must not be, where it has to get to. Grids belong to the problem alone; of their ends the judge knows
 only what they stand for in the world (`Robot.ends`).
 """

@@ -24,7 +24,7 @@ from sdhj import plotting
 from sdhj.cli import plainly
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import TARGET_LOOKS, UNSAFE_LOOKS, style, writable_picture
-from sdhj.solver.resolution import ResolutionWarning
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.table.batches import Table
 
 SIDE = 10.0  # m

@@ -1,7 +1,7 @@
 """How many runs are lost that a table promises to win: a fleet of robots, each judged by who shares no code with it.
 
 `python figures/studies/promises.py` solves a problem for each robot of `fleet`, draws starts uniformly from what its
-table holds, and has `referee` play them against six adversaries; a row for each robot and method, in promises.md and
+table holds, and has `judge` play them against six adversaries; a row for each robot and method, in promises.md and
 promises.csv. Robots that are to stay clear for ever are asked at step 0 throughout; the rows "filtered" are runs in
 which a commander drives at what is unsafe and `Controller.filter` lets through what it finds safe.
 """
@@ -18,7 +18,7 @@ from typing import Any
 import click
 import numpy as np
 from fleet import FLEET, Robot
-from referee import ADVERSARIES, LOST, Answer, reckless, trial
+from judge import ADVERSARIES, LOST, Answer, reckless, trial
 from scipy.special import betaincinv
 
 import sdhj

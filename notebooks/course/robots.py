@@ -10,10 +10,10 @@ from course.draw.sets import canvas
 from sdhj.arm.workspace import Disk, Line, Segment, Still
 from sdhj.kernels import FloatArray
 from sdhj.problem.dynamics import Dynamics
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.solver.games import HJIGames
-from sdhj.solver.resolution import ResolutionWarning
 from sdhj.solver.schemes import Scheme
 from sdhj.table.batches import Table
 

@@ -13,6 +13,7 @@ from sdhj.certified.images import Images
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import cells_at, held_in_boxes
 from sdhj.problem.checks import states_array
+from sdhj.problem.findings import Finding, findings
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.methods import HJI
 from sdhj.solver.recursion import recursion
@@ -51,21 +52,21 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says)
 
 
-def scanty(table: Any) -> str:
-    """The message of a warning where a table certifies next to nothing, with what may help; empty where it does not.
+def scanty(table: Any) -> Finding | None:
+    """A table that certifies next to nothing, with what may help.
 
     That is no more than the target's share of the state space, or less than a tenth of what `HJI` finds on a few nodes.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
-        return ""
+        return None
     grid, t = problem.grid, problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
     target = 0.0 if problem.stays else float(((problem.target_value(drawn, t) <= 0) & free).mean())
     claimed, inside = _on_few_nodes(problem, drawn)
     if share > target and claimed <= 10 * share:
-        return ""
+        return None
     few = share <= target and not problem.stays
     than = f"no more than the target, {target:.2g}" if few else f'{claimed:.2g} by "hji" on few nodes'
     message = (
@@ -74,17 +75,18 @@ def scanty(table: Any) -> str:
     )
     places = np.flatnonzero(inside & ~table.contains(drawn))
     if not places.size:
-        return message
+        return Finding(message, share, "")
     q = drawn[places[0]]
     at = np.array2string(q, precision=3, separator=", ")
-    return f"{message}. What may help: {'; '.join(explain(table, q, 0, None).helps)}. See table.explain({at})"
+    helps = f"What may help: {'; '.join(explain(table, q, 0, None).helps)}. See table.explain({at})"
+    return Finding(f"{message}. ", share, helps)
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
     """The share that `HJI` finds on a coarse grid, and which of some states (M, ndim) it has; else nothing."""
     grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
     few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), findings():
         warnings.simplefilter("ignore")
         try:
             coarse = replace(problem, grid=few, recipe={}, sensing=replace(problem.sensing, memory=False))

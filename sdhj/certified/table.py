@@ -21,6 +21,7 @@ from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
+from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
@@ -510,7 +511,7 @@ class CellSets:
             last = max(changed, default=1)
             facts |= {"endless": True} if self.settled or not problem.stays else {}
             if not self.settled:
-                unsettled(problem, last, self.changing, stacklevel=3)
+                tell(unsettled(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty

@@ -32,7 +32,8 @@ class Dynamics:
     Parameters
     ----------
     inputs : (L, m) array
-        The quantised inputs u_j, at most 65,536. Memory and time grow with their number, and both are said before a solve.
+        The quantised inputs u_j, at most 65,536. Memory and time, which grow with their number, are
+        said before a solve.
     drift : (L, ndim) array, or function of (points (M, ndim), u (m,), t) -> (M, ndim)
         Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional

@@ -171,27 +171,23 @@ def bounds_from_records(
         raise ValueError(f"two records or more are needed, got {len(tables)}")
     miss = (1 - confidence) / (D + (0 if error is not None else ndim))  # for each bound that is found
     seen, known = _measured(problem, tables, miss, error, rest, better)
-    slack = np.zeros(ndim) if better is not None else known
-    pushes, blur, beyond = _pushes(
-        problem, [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)], slack
-    )
-    peaks = np.maximum.reduceat(pushes, np.cumsum([0, *(len(one) - 1 for one in tables[:-1])]), axis=0)
+    joined = [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)]
+    pushes, blur, beyond = _pushes(problem, joined, np.zeros(ndim) if better is not None else known)
+    peaks, least = _peaks(pushes, [len(one) - 1 for one in tables]), np.maximum((pushes - blur).max(axis=0), 0.0)
+    bounds, exceeding = _above(peaks, miss), chance(len(tables), D, confidence)
+    names = tuple(problem.grid.names)
+    return RecordedBounds(bounds, least, peaks, known, beyond.max(axis=0), exceeding, confidence, names)
+
+
+def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
+    """The largest push of each record, (n, D), of the pushes of all (rows, D), of which each record has so many."""
+    peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
         raise ValueError(
             f"nothing in the records tells v[{int(untold.argmax())}] from the other components of v; record inputs "
             "under which it moves the state otherwise than they do"
         )
-    peaks = np.maximum(peaks, 0.0)
-    return RecordedBounds(
-        bounds=_above(peaks, miss),
-        least=np.maximum((pushes - blur).max(axis=0), 0.0),
-        peaks=peaks,
-        error=known,
-        unexplained=beyond.max(axis=0),
-        exceeding=chance(len(tables), D, confidence),
-        confidence=confidence,
-        names=tuple(problem.grid.names),
-    )
+    return np.maximum(peaks, 0.0)
 
 
 def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:

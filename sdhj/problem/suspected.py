@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from sdhj.kernels import FloatArray
+from sdhj.problem.findings import Finding
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
@@ -16,14 +17,14 @@ TRIED_STATES = 100  # at which functions are compared with themselves a turn on
 ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
-def suspicions(problem: ReachAvoidProblem) -> Iterator[str]:
-    """Sentences about what is unusual in a problem, each with what to do if it was not meant."""
+def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
+    """What is unusual in a problem, with what to do if it was not meant."""
     yield from _turned_target(problem)
     for axis in range(problem.grid.ndim):
         yield from _angle(problem, axis)
 
 
-def _turned_target(problem: ReachAvoidProblem) -> Iterator[str]:
+def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """A target that is all but a bounded region: the sign of its level-set function may be turned."""
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.stays or all(grid.periodic):
@@ -31,35 +32,39 @@ def _turned_target(problem: ReachAvoidProblem) -> Iterator[str]:
     inside = problem.target.level_set(grid.points(), problem.time(0)).reshape(grid.shape) <= 0
     ends = [inside.take(end, axis) for axis in range(grid.ndim) if not grid.periodic[axis] for end in (0, -1)]
     if 0.5 < (share := grid.fraction(inside)) and not inside.all() and all(end.all() for end in ends):
-        yield (
-            f"the target {problem.target.name!r} is all but a region in the midst of its axes, {share:.1%} of them: a "
-            "level-set function is negative inside the target; if that region was meant, turn the sign"
+        yield Finding(
+            f"the target {problem.target.name!r} is all but a region in the midst of its axes, {share:.1%} of them: ",
+            share,
+            "a level-set function is negative inside the target; if that region was meant, turn the sign",
         )
 
 
-def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[str]:
+def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
     """An axis whose functions are those of an angle, but not its ends, its unit or its rates."""
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
     if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, axis, TURNS["radians"]):
-        yield (
+        yield Finding(
             f"the functions of the problem repeat every 2 pi along {name}, which has {length / 2 / math.pi:.3g} turns "
-            f"from {grid.lower[axis]:g} to {grid.upper[axis]:g}: if it is in degrees, convert it by np.deg2rad where "
-            "it enters a sine or cosine"
+            f"from {grid.lower[axis]:g} to {grid.upper[axis]:g}: ",
+            length / 2 / math.pi,
+            "if it is in degrees, convert it by np.deg2rad where it enters a sine or cosine",
         )
     for unit, turn in TURNS.items():
         if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, axis, turn):
             continue
         if grid.unsaid and not grid.periodic[axis]:
-            yield (
+            yield Finding(
                 f"the axis {name} is a whole turn, after which the functions of the problem repeat, but it has ends, "
-                f"beyond which the robot has failed: if it is an angle, give periodic=, True for {name}; if it has "
-                'stops, give ends="unsafe" or "wall"'
+                "beyond which the robot has failed: ",
+                1.0,
+                f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
         if (turns := _fastest(problem, axis) * problem.delta / turn) > 1:
-            yield (
-                f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: its rates "
-                f"have to be in {unit} per second, and delta in seconds"
+            yield Finding(
+                f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
+                turns,
+                f"its rates have to be in {unit} per second, and delta in seconds",
             )
 
 

@@ -1,6 +1,5 @@
 """Simulated runs that count how many of a table's promises are broken, how, and what helps: `Table.played`."""
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,13 +10,13 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import whole
+from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.gaps import gaps
-from sdhj.solver.resolution import ResolutionWarning
 from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
 
@@ -32,8 +31,8 @@ EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
 MOST_CORNERS = 2**23  # numbers
 FEW = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
 HOPELESS = (
-    "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so what "
-    "is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
+    "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so "
+    "what is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
     'disturbance, a shorter delta or a larger target; method="certified" promises only what it proves'
 )
 DECIDES = 5  # substeps for which the adversary keeps its decision, at the end of a solve
@@ -58,17 +57,21 @@ class Played:
 
     @property
     def alarming(self) -> bool:
-        """Whether, with 95 % confidence, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
+        """Whether, at 95 %, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
         outside = score_interval(self.outside_lost, self.outside) if self.outside else (0.0, 1.0)
         return max(self.interval[0], outside[0]) > ALARMING
 
     def __str__(self) -> str:
+        return str(self.finding(""))
+
+    def finding(self, told: str) -> Finding:
+        """What is lost of what a table promises, which `told` begins to say: the share, and the advice."""
         low, high = self.interval
-        message = f"{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
+        message = f"{told}{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
         if self.outside < self.runs:
             message += f", {self.outside_lost} of {self.outside} from outside the target"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
-        return message + (f": {ways}. {self.advice}" if self.lost else "")
+        return Finding(message + (f": {ways}. " if self.lost else ""), self.lost / self.runs, self.advice)
 
 
 class Commanded(Controller):
@@ -173,18 +176,18 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
     return f"What helps: {'; or '.join(said)}"
 
 
-def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
+def judged_at_the_end(table: Table) -> dict[str, Any]:
     """Check a solved table by simulation: warn of an empty tube or broken promises; returns entries for its details."""
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.stays and share <= table.fraction(within=0)):
-        warnings.warn(_emptied(table, share), ResolutionWarning, stacklevel=stacklevel + 1)
+        tell(_emptied(table, share))
     if share < NEARLY_EMPTY:
         return {}
     stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
     if stays:
-        return _judged_for_ever(table, runs, stacklevel + 1)
+        return _judged_for_ever(table, runs)
     runs = MOST_PLAYED if (apart := _gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
@@ -194,12 +197,12 @@ def judged_at_the_end(table: Table, stacklevel: int) -> dict[str, Any]:
 
     found = played(table, runs, play if table.problem.sensing else worst)
     if found.alarming or (apart and found.lost >= ALARMING * found.runs):
-        warnings.warn(f"of what this table promises {found}", ResolutionWarning, stacklevel=stacklevel + 1)
+        tell(found.finding("of what this table promises "))
     counts = {name: getattr(found, name) for name in ("runs", "lost", "outside", "outside_lost")}
     return {"played": counts | {"ways": dict(found.ways)}}
 
 
-def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]:
+def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
     """As `judged_at_the_end`, for ever: a greedy adversary against the controller, and against the filter.
 
     Behind the filter stands a commander who drives at what must not be touched, and one who flees.
@@ -214,14 +217,14 @@ def _judged_for_ever(table: Table, runs: int, stacklevel: int) -> dict[str, Any]
     )
     for found, told in zip((alone, behind, fled), where, strict=True):
         if found.interval[0] > ALARMING:
-            warnings.warn(f"{told} {found}", ResolutionWarning, stacklevel=stacklevel + 1)
+            tell(found.finding(f"{told} "))
     filtered = Counter(behind.ways) + Counter(fled.ways)
     ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in filtered.items()}
     return {"played": {"runs": alone.runs + 2 * few, "lost": alone.lost + behind.lost + fled.lost, "ways": ways}}
 
 
-def _emptied(table: Table, share: float) -> str:
-    """The message of the warning of an empty tube: which unsafe set, inputs or projection may be the cause."""
+def _emptied(table: Table, share: float) -> Finding:
+    """An empty tube: which unsafe set, inputs or projection may be the cause."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.stays else ", no more than the target itself" if share else ""
@@ -230,16 +233,16 @@ def _emptied(table: Table, share: float) -> str:
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
     ways = float((hazards <= 0).any(axis=1).mean()) if len(hazards) else 0.0
     if table.method == "projected" and ways > NEARLY_EMPTY:
-        return message + ': the projections may be too conservative for this problem; try method="hji"'
+        message += ": the projections may be too conservative for this problem; "
+        return Finding(message, share, 'try method="hji"')
     if ways <= NEARLY_EMPTY:
         names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
-        return message + f": no input stays clear of {names} for one interval; use a shorter delta or other inputs"
+        message += f": no input stays clear of {names} for one interval; "
+        return Finding(message, share, "use a shorter delta or other inputs")
     gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
     but = "hardly from any for all steps" if problem.stays else gains
+    message += f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; "
     less = "a smaller error, delay or jitter, " if problem.sensing else ""
     outside = np.empty(0) if problem.stays else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
     nodes = "more nodes or " if problem.stays or _leads_in(problem, outside) else "a smaller disturbance or "
-    return message + (
-        f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; use {less}stronger "
-        f"inputs, {nodes}another delta"
-    )
+    return Finding(message, share, f"use {less}stronger inputs, {nodes}another delta")

@@ -11,6 +11,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
+from sdhj.problem.findings import Finding
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -61,11 +62,13 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
     return found
 
 
-def never_felt(part: UnsafeSet) -> str:
-    """The warning for an unsafe set that no node is in danger of."""
-    return (
-        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. It lies between the "
-        "nodes (use more nodes, or enlarge the set), or is out of reach"
+def never_felt(part: UnsafeSet) -> Finding:
+    """An unsafe set that no node is in danger of."""
+    return Finding(
+        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. ",
+        0.0,
+        "It lies between the nodes (use more nodes, or enlarge the set), or is out of reach",
+        UserWarning,
     )
 
 

@@ -23,7 +23,6 @@ on axes that one subspace keeps needs no projection and is solved on its own axe
 
 import math
 import reprlib
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -36,16 +35,16 @@ from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.checks import Options
+from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
+from sdhj.problem.uncertain import shrunk
 from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
 from sdhj.table.table import LookupTable
 
-
-class ProjectionWarning(UserWarning):
-    """The projected method finds little or nothing with these subspaces."""
+GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
@@ -216,34 +215,42 @@ class ProjectedSets(GridSets):
 
     games: ProjectedGames
 
-    def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        table = super().finish(details)
-        return replace(table, details={**table.details, "projection": self._diagnosis(table)})
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.lost = self._lost()
+        for finding in self.empty():
+            tell(finding)
 
-    def _diagnosis(self, table: LookupTable) -> dict[str, Any]:
-        """How much the projections cost, for the table's details; warns where they leave little or nothing.
+    def finish(self, details: Mapping[str, Any]) -> LookupTable:
+        """The table, whose details say how much is lost (`_lost`), and "warnings": sentences."""
+        table, found = super().finish(details), self.empty()
+        if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
+            found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
+            tell(found[0])
+        told = self.lost | {"warnings": [str(one) for one in found]}
+        return replace(table, details={**table.details, "projection": told})
+
+    def _lost(self) -> dict[str, Any]:
+        """How much the projections lose, before the recursion.
 
         Returns
         -------
         dict
             "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection
             (a share; the largest over the steps). "free": for each unsafe set that had to be projected, the largest
-            share of a subspace outside its outer projection. "warnings": sentences.
+            share of a subspace outside its outer projection.
         """
-        games = self.games
-        grid, starts = table.grid, range(1 if self.problem.timeless else table.steps + 1)
+        games, problem = self.games, self.problem
+        grid, starts = problem.grid, range(1 if problem.timeless else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
             whole = grid.fraction(goal <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
-        goals = [table.values(start=k, within=0) for k in starts]
-        kept = [max(share(goal, axes) for goal in goals) for axes in games.subspaces]
-        free = {self._name(place): share for place, share in sorted(games.free.items())}
-        found = self._findings(table, kept, free)
-        for sentence in found:
-            warnings.warn(sentence, ProjectionWarning, stacklevel=4)
-        return {"target_kept": kept, "free": free, "warnings": found}
+        kept = [0.0] * len(games.subspaces)
+        for goal in (shrunk(problem, problem.goal(k)) for k in starts):
+            kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
+        return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
     def _name(self, place: int) -> str:
         """The name of an unsafe set; of several with one name, its place too."""
@@ -251,10 +258,11 @@ class ProjectedSets(GridSets):
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
-    def _findings(self, table: LookupTable, kept: Sequence[float], free: Mapping[str, float]) -> list[str]:
+    def empty(self) -> list[Finding]:
+        """Subspaces that hold nothing of the target, and unsafe sets that fill them all."""
         problem, names = self.problem, self.problem.grid.names
         found = []
-        for axes, share in zip(self.games.subspaces, kept, strict=True):
+        for axes, share in zip(self.games.subspaces, self.lost["target_kept"], strict=True):
             dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]
             if share == 0.0:
                 lost = [axis for axis in dropped if axis in problem.target.axes]
@@ -263,19 +271,18 @@ class ProjectedSets(GridSets):
                     if lost
                     else f"everywhere in the target some value of {_listed(names, dropped)} is unsafe"
                 )
-                found.append(
+                cause = (
                     f"dropping {_listed(names, dropped)} leaves nothing of the target: the projected target has to be "
-                    f"reached for every value of what was dropped, but {cause}; keep it, or use method='hji'"
+                    f"reached for every value of what was dropped, but {cause}; "
                 )
-        for name, share in free.items():
+                found.append(Finding(cause, share, "keep it, or use method='hji'", ProjectionWarning))
+        for name, share in self.lost["free"].items():
             if share == 0.0:
-                found.append(
+                cause = (
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
-                    "what was dropped is unsafe, so no input counts as safe; keep more of the axes it depends on"
+                    "what was dropped is unsafe, so no input counts as safe; "
                 )
-        within = {n: table.fraction(start=0, within=n) for n in (0, table.steps)}
-        if not found and within[0] == within[table.steps]:
-            found.append("the projected tubes never grow beyond the target: these subspaces are too conservative here")
+                found.append(Finding(cause, share, "keep more of the axes it depends on", ProjectionWarning))
         return found
 
 

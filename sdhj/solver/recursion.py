@@ -10,7 +10,6 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 """
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
@@ -21,6 +20,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.union import Walls, add_inputs
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
+from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -28,7 +28,7 @@ from sdhj.problem.uncertain import led_into, shrunk
 from sdhj.solver.avoid import dangers, never_felt, tube_of
 from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
-from sdhj.solver.resolution import ResolutionWarning, check_crossing, check_resolution
+from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, read_window
 from sdhj.table.batches import Table
 from sdhj.table.store import Memory
@@ -67,40 +67,36 @@ class Sets(Protocol):
         """The table of all entries; `details` are added to its details."""
 
 
-class UnsettledWarning(UserWarning):
-    """The sets of a problem without a number of steps were still changing when the solve ended."""
-
-
-def unsettled(problem: ReachAvoidProblem, steps: int, share: float, stacklevel: int) -> None:
-    """Warn that a solve without a number of steps ended while a `share` of the state space was still changing."""
+def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
+    """A solve without a number of steps ended while a `share` of the state space was still changing."""
     holds = "the tube is safe for so many steps, not for ever" if problem.stays else "the tubes hold for so many steps"
-    warnings.warn(
-        f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. Use more "
-        "nodes, a longer delta, or give the problem a number of steps",
+    return Finding(
+        f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. ",
+        share,
+        "Use more nodes, a longer delta, or give the problem a number of steps",
         UnsettledWarning,
-        stacklevel=stacklevel + 1,
     )
 
 
-def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None, stacklevel: int) -> None:
-    """Warn where most of a set that is to be safe for ever was lost while its boundary crept.
+def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
+    """Most of a set that is to be safe for ever was lost while its boundary crept: the share that is left.
 
     shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
     """
     last = max(shares)
     if creeping is None or shares[creeping] <= 2.0 * shares[last]:
-        return
+        return None
     told = [n for n in STEPS_TOLD if n < last]
     states = problem.grid.points()[:: max(problem.grid.size // 1000, 1)]
     moved = np.abs(problem.interval(0).displacements(states) / np.array(problem.grid.spacing)).max(axis=(1, 2)).mean()
     so_far = ", ".join(f"{shares[n]:.3f} of the state space after {n}" for n in told)
-    warnings.warn(
+    return Finding(
         f"the set that is safe for ever shrank away by less than {CREEPING:g} cells a step: {so_far}, "
         f"{shares[last]:.3f} after {last} steps. {problem.delta:g} s move the robot by {moved:.2g} of a cell, and each "
-        "interval wears the set down by the scheme's error. If it is that, a longer delta or more nodes help; or give "
-        f"the problem a number of steps: steps={told[-1]} has {shares[told[-1]]:.3f}",
-        ResolutionWarning,
-        stacklevel=stacklevel + 1,
+        "interval wears the set down by the scheme's error. ",
+        shares[last],
+        "If it is that, a longer delta or more nodes help; or give the problem a number of steps: "
+        f"steps={told[-1]} has {shares[told[-1]]:.3f}",
     )
 
 
@@ -168,7 +164,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
     each = [games.operations(whole, step) * shared + len(problem.inputs) * problem.grid.size for step in looked]
     crossed = max(crossed, games.crossed)
-    check_crossing(problem, crossed, stacklevel=6)
+    check_crossing(problem, crossed)
     why = multiplied(problem, tubes, problem.grid.size, "nodes") + (f", in {slabs} slabs" if slabs > 1 else "")
     return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
 
@@ -439,7 +435,7 @@ class GridSets:
         require(needed, "this solve", f"it has {why}; use {remedies}")
         plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
-        check_resolution(problem, stacklevel=6)
+        check_resolution(problem)
         return plan
 
     def _avoid_tubes(self) -> None:
@@ -456,7 +452,7 @@ class GridSets:
                 felt |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
         for part in self.plan.problem.rimmed.unsafe if looked_at else ():  # else an earlier solve has seen the others
             if id(part) not in felt:
-                warnings.warn(never_felt(part), stacklevel=6)
+                tell(never_felt(part))
 
     def _known(self, kind: str) -> FloatArray | None:
         """The avoid tubes of a kind that a former solve has."""
@@ -517,9 +513,9 @@ class GridSets:
             settled = self.shared > 0 or motion <= SETTLED
             table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
             if not settled:
-                unsettled(self.problem, self.filled, self.changing, stacklevel=3)
+                tell(unsettled(self.problem, self.filled, self.changing))
             if self.problem.stays:
-                worn_down(self.problem, self.shares, self.creeping, stacklevel=3)
+                tell(worn_down(self.problem, self.shares, self.creeping))
         steps = table.steps
         avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)

@@ -7,7 +7,6 @@ not exclude a hidden part, the least value in the cell is searched for.
 """
 
 import math
-import warnings
 from functools import lru_cache
 from itertools import permutations, product
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
+from sdhj.problem.findings import Finding, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
 from sdhj.problem.nodes import beside, steepest
@@ -27,7 +27,7 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
-FOUND = WeakKeyDictionary[Formula, dict[Any, str]]()  # what was found of a set: the next problem may have it too
+FOUND = WeakKeyDictionary[Formula, dict[Any, Finding | None]]()  # of a set, which the next problem may have too
 SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are asked
 SPANS = 50  # intervals at most in which something that moves is looked at
 IGNORED = "so the table ignores it"
@@ -36,14 +36,10 @@ TURNS = 4  # of cells along all axes: no robot is steered so rarely
 ABRUPT = 0.25  # of the change between two nodes: a level-set function that is farther from linear jumps there
 
 
-class ResolutionWarning(UserWarning):
-    """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost."""
-
-
-def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2, most: float = math.inf) -> None:
+def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> None:
     """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
     what is no function of angles (`check_seams`). Sets on more nodes than `most` are not sampled."""
-    check_seams(problem, stacklevel + 1)
+    check_seams(problem)
     for part in problem.unsafe:
         if part.sampling == "cell" or problem.grid.subgrid(part.axes).size > most:
             continue
@@ -52,53 +48,50 @@ def check_resolution(problem: "ReachAvoidProblem", stacklevel: int = 2, most: fl
             key = part.name, part.axes, part.sampling, problem.grid, t
             if key not in known:
                 known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t)
-            if message := known[key] or too_thin(problem, part, t):
-                warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+            if finding := known[key] or too_thin(problem, part, t):
+                tell(finding)
                 break
 
 
-def check_sets(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+def check_sets(problem: "ReachAvoidProblem") -> None:
     """Warn of what is wrong with sets and velocities, whatever the method does with them.
 
     That is what `check_seams` finds, and unsafe sets that lie nowhere on the grid, or between its nodes only. Methods
     on the grid ask `check_resolution`, and whether a node is ever in danger, instead.
     """
-    check_seams(problem, stacklevel + 1)
+    check_seams(problem)
     for part in problem.unsafe:
         times = np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist()
-        found = next(filter(None, (_hidden(problem, part, t, ASKED) for t in times)), "")
-        if message := found or _nowhere(problem, part):
-            warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+        found = next(filter(None, (_hidden(problem, part, t, ASKED) for t in times)), None)
+        tell(found or _nowhere(problem, part))
 
 
-def _eaten(problem: "ReachAvoidProblem") -> str:
-    """Which error of measurements costs as much in an interval as any input changes, without memory; empty if none."""
+def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
+    """Which error of measurements costs as much in an interval as any input changes, without memory."""
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.memory:
-        return ""
+        return None
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
     still, t = np.zeros((STATES, problem.dynamics.adversaries)), problem.time(0)
     speeds = [problem.dynamics.velocity_at(states, j, still, t) for j in range(len(problem.inputs))]
     changed, costs = problem.delta * np.ptp(speeds, axis=0).max(axis=0) / 2, 2 * problem.half_widths[0]
     for axis in np.flatnonzero((changed > 0) & (costs >= changed * (1 - 1e-9))).tolist():
-        return (
+        return Finding(
             f"an input changes {grid.names[axis]} by {changed[axis]:.3g} in an interval, and what the sensing leaves "
-            f"open of it costs {costs[axis]:.3g} in each: sets that are to be kept for many steps are empty. Use "
-            "Sensing(..., memory=True) and ask Controller.step, or a longer delta"
+            f"open of it costs {costs[axis]:.3g} in each: sets that are to be kept for many steps are empty. ",
+            float(costs[axis]),
+            "Use Sensing(..., memory=True) and ask Controller.step, or a longer delta",
         )
-    return ""
+    return None
 
 
-def check_seams(problem: "ReachAvoidProblem", stacklevel: int = 2) -> None:
+def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
     parts = [*([] if problem.stays else [problem.target]), *problem.unsafe]
-    found = [
-        next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), "") for part in parts
-    ]
-    found += [next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), "")]
-    found.append(_eaten(problem))
-    for message in filter(None, found):
-        warnings.warn(message, ResolutionWarning, stacklevel=stacklevel + 1)
+    for part in parts:
+        tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
+    tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
+    tell(_eaten(problem))
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
@@ -130,24 +123,27 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     return found
 
 
-def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> str:
-    """The warning for a set that ends with the period of an axis; empty if there is none."""
+def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
+    """A set that ends with the period of an axis."""
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = part.level_set(before, t), part.level_set(after, t)
         inside = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SEAM, grid.ndim))
         rounding = 1e-6 * np.abs(part.level_set(inside, t)).max()
-        if np.any(((first > 0) != (last > 0)) & (np.abs(first - last) > rounding)):
+        jump = np.abs(first - last)
+        if np.any(((first > 0) != (last > 0)) & (jump > rounding)):
             name, what = grid.names[axis], "unsafe set" if isinstance(part, UnsafeSet) else "target"
-            return (
+            return Finding(
                 f"the {what} {part.name!r} is cut off where the periodic axis {name} ends and begins anew: its "
-                f"level-set function has to be periodic, as np.cos(r) - np.cos({name} - c) is for |{name} - c| <= r"
+                "level-set function ",
+                float(jump.max()),
+                f"has to be periodic, as np.cos(r) - np.cos({name} - c) is for |{name} - c| <= r",
             )
-    return ""
+    return None
 
 
-def _turning_over(problem: "ReachAvoidProblem", t: float) -> str:
-    """The warning for velocities that jump where a periodic axis closes; empty if there is none."""
+def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
+    """Velocities that jump where a periodic axis closes."""
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -160,29 +156,32 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> str:
             if jump[row, along] > 1e-6 * max(np.abs(first).max(), np.abs(last).max()):
                 name = grid.names[axis]
                 ends = f"{first[row, :, along].mean():.3g} to {last[row, :, along].mean():.3g}"
-                return (
+                return Finding(
                     f"the velocity along {grid.names[along]} jumps from {ends} under input {j} where the periodic axis "
-                    f"{name} ends and begins anew: it has to be periodic, as k np.sin({name}) is in place of k {name}, "
-                    "unless the robot does jump there"
+                    f"{name} ends and begins anew: ",
+                    float(jump[row, along]),
+                    f"it has to be periodic, as k np.sin({name}) is in place of k {name}, unless the robot does jump "
+                    "there",
                 )
-    return ""
+    return None
 
 
-def _nowhere(problem: "ReachAvoidProblem", part: "UnsafeSet") -> str:
-    """The warning for an unsafe set that no node is in at any time; empty if there is one."""
+def _nowhere(problem: "ReachAvoidProblem", part: "UnsafeSet") -> Finding | None:
+    """An unsafe set that no node is in at any time."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if part.moving else 1).astype(int)).tolist()
     for step in steps:
         over = problem.unsafe_over(part, *problem.span(step)) if part.moving else problem.unsafe_at(part, 0.0)
         if (over <= 0).any():
-            return ""
-    return (
-        f"the unsafe set {part.name!r} is nowhere on the grid, so nothing keeps clear of it: check its axes, its place "
-        "and its units, and the sign of its level-set function (negative is inside)"
+            return None
+    return Finding(
+        f"the unsafe set {part.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
+        0.0,
+        "check its axes, its place and its units, and the sign of its level-set function (negative is inside)",
     )
 
 
-def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str = IGNORED) -> str:
-    """The warning for a part of the set between the nodes, and what follows; empty if there is none."""
+def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
+    """A part of the set between the nodes, and what follows; its thickness."""
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -196,7 +195,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
     suspects = suspects[np.argsort(corners.ravel()[suspects], kind="stable")[:most]]
     if not suspects.size:
-        return ""
+        return None
     places = np.stack(np.unravel_index(suspects, corners.shape), axis=1) + 0.5
     centres, reach = np.array(grid.lower) + places * spacing, spacing / 3
     for _ in range(ROUNDS):
@@ -206,7 +205,7 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
         centres, reach, least = points[rows, best], reach / 3, found[rows, best]
     deepest = int(least.argmin())
     if least[deepest] > 0:
-        return ""
+        return None
     thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which gives no thickness,"
     use = "a distance that is negative inside, with sampling='cell', or more nodes"
     names = [problem.grid.names[axis] for axis in part.axes]
@@ -216,14 +215,16 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
         use += 'UnsafeSet(..., sampling="cell"), which uses the least value in the cells around each node'
         thick = f"it is about {thickness:.2g} thick there,"
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
-    return (
+    return Finding(
         f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
-        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, {so}. Use {use}"
+        f"{', '.join(f'{h:.2g}' for h in spacing)} apart, {so}. ",
+        thickness,
+        f"Use {use}",
     )
 
 
-def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a level-set function that jumps at the set's boundary; else empty."""
+def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Finding | None:
+    """A level-set function that jumps at the set's boundary: by what part of its change there, in the median."""
     grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
     rng = np.random.default_rng(0)
     for axis in range(grid.ndim):
@@ -237,11 +238,13 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
             places[:, axis] += one / (one - other)  # where the interpolant is zero
             at = part.level_set(grid.wrapped(np.array(grid.lower) + places * grid.spacing), t)
             off.append(np.abs(at) / np.abs(one - other))
-    if not off or np.median(np.concatenate(off)) < ABRUPT:
-        return ""
-    return (
+    if not off or (share := float(np.median(np.concatenate(off)))) < ABRUPT:
+        return None
+    return Finding(
         f"the level-set function of {part.name!r} jumps at the set's boundary, like an indicator function, so it is "
-        "located to half a cell at best; use a distance to the set (sdhj.UnsafeSet.from_map computes one from a map)"
+        "located to half a cell at best; ",
+        share,
+        "use a distance to the set (sdhj.UnsafeSet.from_map computes one from a map)",
     )
 
 
@@ -250,10 +253,10 @@ ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wh
 LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
-def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
-    """The warning for a wall, three nodes along it or more, or a dot that is too thin; empty if there is none."""
+def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Finding | None:
+    """A wall, three nodes along it or more, or a dot that is too thin: by its least thickness, in cells."""
     if problem.dynamics.stateless or part.sampling == "steep":
-        return ""
+        return None
     grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
     cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])
     thin = np.isfinite(cells)
@@ -271,7 +274,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
         thin[axis] &= ~thick
     found &= thin.any(axis=0)
     if not found.any():
-        return ""
+        return None
     place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
     names = [problem.grid.names[axis] for axis in part.axes]
     where = ", ".join(f"{name} = {grid.nodes(axis)[place[axis]]:.4g}" for axis, name in enumerate(names))
@@ -282,10 +285,12 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> str:
     more = " and ".join(f"{n} nodes along {names[axis]}" for n, axis in zip(needed, wrong, strict=True))
     nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
     fits = 8 * nodes * problem.most_steps < (available() or [np.inf])[0]
-    return (
+    return Finding(
         f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
         "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "
-        "it. Use " + (f"{more}, or {steep}" if fits else f"{steep}; {more} would need more memory than is available")
+        "it. ",
+        min(float(cells[(axis, *place)]) for axis in wrong),
+        "Use " + (f"{more}, or {steep}" if fits else f"{steep}; {more} would need more memory than is available"),
     )
 
 
@@ -303,12 +308,14 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
     return thickness
 
 
-def check_crossing(problem: "ReachAvoidProblem", crossed: float, stacklevel: int = 2) -> None:
+def check_crossing(problem: "ReachAvoidProblem", crossed: float) -> None:
     """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
     if crossed > TURNS * sum(problem.grid.shape):
-        warnings.warn(
-            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
-            f"together have {sum(problem.grid.shape):,}; check the units of delta and of the velocities",
-            ResolutionWarning,
-            stacklevel=stacklevel + 1,
+        tell(
+            Finding(
+                f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all "
+                f"axes together have {sum(problem.grid.shape):,}; ",
+                crossed,
+                "check the units of delta and of the velocities",
+            )
         )

@@ -4,6 +4,7 @@ import contextlib
 import re
 import runpy
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,21 @@ def test_the_rooms_are_listed() -> None:
     rooms = {f"sdhj/{path.parent.name}/" for path in (ROOT / "sdhj").glob("*/__init__.py")}
     files = {f"sdhj/{path.name}" for path in (ROOT / "sdhj").glob("*.py")} - {"sdhj/__init__.py", "sdhj/__main__.py"}
     assert set(re.findall(r"`(sdhj/\w+(?:/|\.py))`", text[text.index("| room |") :])) == rooms | files
+
+
+def test_rooms_and_files_stand_in_the_order_of_their_imports() -> None:
+    rows = re.findall(r"^\| (`sdhj/.*?) \| (.*) \|$", (SITE / "code.md").read_text(encoding="utf-8"), re.MULTILINE)
+    rooms = [name for first, _ in rows for name in re.findall(r"sdhj/(\w+)", first)]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert [*reversed(rooms)] == sorted(rooms, key=project["tool"]["importlinter"]["contracts"][0]["layers"].index)
+    for first, text in rows:
+        room = first.strip("`").split("`")[0].strip("/")
+        files = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / room).glob("[!_]*.py")}
+        named = [name for name in re.findall(r"`(\w+)`", text) if name in files]
+        assert sorted(named) == sorted(files)
+        for place, name in enumerate(named):
+            needs = set(re.findall(rf"^from {room.replace('/', '.')}\.(\w+) import", files[name], re.MULTILINE))
+            assert (name, needs & files.keys() - {*named[:place]}) == (name, set())
 
 
 def test_commands_that_are_named_are_there() -> None:

@@ -8,7 +8,7 @@ import toys
 from artists import axes, named
 from charts import draw_bars, draw_fractions, draw_sweep
 from experiments import clearances, mean_interval, starts_outside
-from extra_adversary import sweep_adversary
+from extra_adversary import least_disturbance, sweep_adversary
 from extra_conservativeness import draw_entries
 from extra_evader import evading_target
 from extra_input_levels import LevelSweep, draw_input_levels, sweep_input_levels
@@ -35,6 +35,19 @@ def test_a_stronger_adversary_leaves_less_until_nothing(bound):
     gained = np.subtract(sweep.fractions, sweep.won)
     np.testing.assert_allclose(gained, gained[-1], atol=1e-12)  # the target itself does not depend on the adversary
     assert sweep_adversary(bound, values[:1], "lax", nodes=9, steps=2).extinct is None
+
+
+def test_the_disturbance_that_leaves_nothing_by_hand():
+    """The product of Jacobian and push by differences, where the target will be: 1.87 rad/s of chapter 14."""
+    problem, tip = sdhj.arm_case_study(nodes=5), lambda q: np.array([np.cos(q).sum(), np.sin(q).sum()]) * 0.15
+    least = []
+    for k in range(1, 9):
+        far = np.hypot(0.05 + 0.1 * 0.1 * k, 0.2 - 0.05 * 0.1 * k)
+        q = np.array([0.0, np.arccos((far**2 - 2 * 0.15**2) / (2 * 0.15**2))])  # angles of both links to the first axis
+        signs = (1.0, 1.0 + 1.0), (1.0, 1.0 - 1.0)  # how fast these turn if the joints turn at 1, and 1 or -1, rad/s
+        pushes = [np.linalg.norm(tip(q + 1e-6 * np.array(s)) - tip(q - 1e-6 * np.array(s))) / 2e-6 for s in signs]
+        least.append(0.06 / (0.1 * max(pushes)))
+    assert least_disturbance(problem) == pytest.approx(max(least), rel=1e-6) == pytest.approx(1.87, abs=0.005)
 
 
 def test_extinction_is_no_reason_to_warn_when_sweeping_projections(recwarn):

@@ -1,6 +1,7 @@
 """What a solve says of its own promises: runs from the whole tube, what emptied it, warnings that can be followed."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 import sdhj.simulation.played
 from sdhj import Controller, UnsafeSet
+from sdhj.problem.findings import ProjectionWarning, ResolutionWarning
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
-from sdhj.solver.resolution import ResolutionWarning
 
 
 def test_runs_are_counted_as_monte_carlo_counts_them() -> None:
@@ -53,6 +54,27 @@ def test_what_is_lost_is_a_warning_that_helps(solves_are_played: None, monkeypat
     ):
         table = sdhj.solve(unicycle_problem(nodes=(9, 9, 8)), progress=False)
     assert table.details["played"]["lost"] > 0
+
+
+def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_played: None) -> None:
+    """A disturbance that moves the state farther in an interval than the target reaches: nothing is won beyond it.
+
+    The worst run starts within a grid's error of the target. Against a weaker one, which an input can make up for, the
+    advice is another; runs from within the target end where they begin, and hide the rate.
+    """
+    strong = sdhj.Dynamics([[-1.0], [0.0], [1.0]], [[-1.0], [0.0], [1.0]], [[1.0]], [1.3])
+    problem = replace(interval_problem(unsafe=False), dynamics=strong)
+    problem = replace(problem, target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.25 * 0.5))
+    table = sdhj.solve(problem, progress=False, play=False)
+    far = replace(table, tubes=table.tubes - 0.3)  # what errors of the scheme do on a coarse grid
+    found = far.played(400)
+    assert 0 < found.outside_lost == found.lost <= found.outside < 400
+    assert f"{found.lost} of {found.outside} from outside the target" in str(found)
+    assert (
+        found.advice.startswith("From none of the states drawn outside the target") and "more nodes" not in found.advice
+    )
+    weak = replace(far.problem, dynamics=sdhj.Dynamics(strong.inputs, strong.inputs, [[1.0]], [0.6]))
+    assert not replace(far, problem=weak).played(400).advice.startswith("From none")
 
 
 def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
@@ -171,3 +193,25 @@ def test_a_finished_table_is_returned_whatever_the_runs_at_its_end_meet(
         with pytest.warns(ResolutionWarning, match=f"did not finish: .*{says}. With play=False"):
             table = sdhj.solve(parking(0.5), progress=False)
         np.testing.assert_array_equal(table.values(), whole.values())
+
+
+def test_what_a_solve_warns_of_is_kept_in_one_list(solves_are_played: None, tmp_path: Path) -> None:
+    """Cause, number and remedy make the sentence; in the order in which they were told, before the solve and after."""
+    thin = UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 0.51) - 0.004, name="thread")
+    problem = replace(interval_problem(steps=2), unsafe=(thin,))
+    with pytest.warns(ResolutionWarning) as told:
+        table = sdhj.solve(problem, progress=False)
+    found = table.details["findings"]
+    assert [cause + remedy for cause, _, remedy in found] == [str(one.message) for one in told]
+    assert "thread" in found[0][0] and found[0][1] == pytest.approx(0.008, rel=0.1) and "nodes" in found[0][2]
+    assert {one.filename for one in told} == {__file__}  # the line that called solve
+    table.save(tmp_path / "t.h5")
+    assert sdhj.load(tmp_path / "t.h5").details["findings"] == found
+    assert "findings" not in sdhj.solve(interval_problem(steps=2), progress=False).details
+
+
+def test_empty_projections_are_warned_of_before_the_recursion(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sdhj.solving, "recursion", lambda *given: pytest.fail("the recursion has begun"))
+    problem = sdhj.evader_case_study(nodes=9, steps=2)
+    with pytest.warns(ProjectionWarning, match="leaves nothing of the target"), pytest.raises(pytest.fail.Exception):
+        sdhj.solve(problem, "projected", progress=False)

@@ -7,8 +7,8 @@ import numpy as np
 
 import sdhj
 from course.exercises import exercise, expect, expect_close
+from sdhj.problem.findings import ResolutionWarning
 from sdhj.simulation.runs import Z95
-from sdhj.solver.resolution import ResolutionWarning
 
 
 @cache

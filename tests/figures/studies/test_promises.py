@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from fleet import FLEET, WIND, Hazard, Robot, many_inputs, wind_at
+from judge import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
 from promises import HEAD, MARK, ROBOTS, Row, bounds, heading, into_page, main, methods, rows
-from referee import ADVERSARIES, Answer, Moment, advanced, reckless, trial, vertices
 
 PAGE = Path(__file__).parents[3] / "notebooks" / "site" / "promises.md"
 BRAKE, PUSH = 1.0, 0.2  # m/s^2, of `fleet.double_integrator`

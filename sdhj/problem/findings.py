@@ -1,0 +1,61 @@
+"""Findings: what a user should know of a problem or a table beside its answers. They are warned of here alone."""
+
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import NamedTuple
+
+PACKAGE = str(Path(__file__).parents[1])
+
+
+class ResolutionWarning(UserWarning):
+    """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost."""
+
+
+class UnsettledWarning(UserWarning):
+    """The sets of a problem without a number of steps were still changing when the solve ended."""
+
+
+class ProjectionWarning(UserWarning):
+    """The projected method finds little or nothing with these subspaces."""
+
+
+class Finding(NamedTuple):
+    """What is so, how much of it, in the unit that the sentence names, and what helps; `str()` is the sentence."""
+
+    cause: str
+    number: float
+    remedy: str
+    kind: type[UserWarning] = ResolutionWarning
+
+    def __str__(self) -> str:
+        return self.cause + self.remedy
+
+
+_FOUND = ContextVar[list[Finding] | None]("found", default=None)
+
+
+@contextmanager
+def findings() -> Iterator[list[Finding]]:
+    """The findings that are told inside, in their order; those of a solve within a solve are its own."""
+    found: list[Finding] = []
+    token = _FOUND.set(found)
+    try:
+        yield found
+    finally:
+        _FOUND.reset(token)
+
+
+def tell(finding: Finding | None) -> None:
+    """Warn of a finding, if it is one, at the line that called the package, and add it to those of the solve."""
+    if finding is None:
+        return
+    if (found := _FOUND.get()) is not None:
+        found.append(finding)
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(str(finding), finding.kind, stacklevel=level)
