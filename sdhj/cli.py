@@ -42,7 +42,7 @@ from sdhj.problem.restoring import formulas_in, sets_in, tables_of
 from sdhj.problem.sets import VIEW_TIMES
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.runs import MOST_RUNS, monte_carlo, outcome_name, simulate
-from sdhj.solving import load, solve
+from sdhj.solving import METHODS, load, solve
 from sdhj.table.controller import Controller
 from sdhj.table.files import (
     TEMPORARIES,
@@ -68,8 +68,8 @@ def stop(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-INTERPOLATED = ("hji", "projected", "lax")  # the methods whose tubes are interpolated between nodes
-METHOD = click.Choice([*INTERPOLATED, "certified"])
+INTERPOLATED = tuple(name for name in METHODS if name != Certified.name)  # tubes between nodes
+METHOD = click.Choice(list(METHODS))
 RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
@@ -477,7 +477,7 @@ def new_command(file: Path) -> None:
 @plainly
 def warmup() -> None:
     """Compile every kernel and store it in the disk cache."""
-    compile_kernels((*INTERPOLATED, "certified"), click.echo)
+    compile_kernels(tuple(METHODS), click.echo)
 
 
 def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], Any] = lambda line: None) -> None:

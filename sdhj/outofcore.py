@@ -27,8 +27,8 @@ from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
-from sdhj.solver.methods import HJI, HopfLax, method_of
-from sdhj.solver.recursion import PROCESS, GridSets, cost_on_grid, recursion, work
+from sdhj.solver.methods import HJI, HopfLax, Method
+from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
@@ -37,12 +37,13 @@ from sdhj.table.store import STORE_FORMAT, Store, StoredTable, create, free_name
 __all__ = ["StoredTable", "load_stored", "solve_stored"]
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
+INSTEAD = "; leave store= out to solve in memory"
 LOOKED_AT = 2**22  # nodes of an unsafe set whose resolution is checked
 
 
 def solve_stored(
     problem: ReachAvoidProblem,
-    method: Any,
+    asked: Method,
     path: Named,
     progress: bool | None,
     resume: bool,
@@ -53,8 +54,8 @@ def solve_stored(
     """As `sdhj.solve` with a store: see there."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
-    method, started, path = method_of(method), time.perf_counter(), Path(os.path.abspath(path))
-    refuse(problem, method, resume, client)
+    started, path = time.perf_counter(), Path(os.path.abspath(path))
+    method = taken(problem, asked, resume, client)
     with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
@@ -72,8 +73,7 @@ def solve_stored(
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
 
-        named = method.name, method.on, plan.dtype, method.options
-        sets = GridSets(problem, *named, None, plan, store, runner(plan, store, client), slabs_done)
+        sets = GridSets(problem, method, None, Slabs(plan, store, runner(plan, store, client), slabs_done))
         meter.tube()
         recursion(sets, problem.steps, meter.tube)
         details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}
@@ -109,14 +109,15 @@ def work_alone(plan: Plan, store: Store, task: Task) -> Any:
         return work(plan, store, task)
 
 
-def refuse(problem: ReachAvoidProblem, method: Any, resume: Any, client: Any) -> None:
-    """Raise ValueError for what is not solved out of core."""
+def taken(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
+    """The method, if it solves out of core; ValueError for what is not solved there."""
     if not isinstance(resume, bool):
         raise ValueError(f"resume must be True or False, got {reprlib.repr(resume)}")
     if client is not None and not (callable(getattr(client, "submit", None)) and hasattr(client, "scheduler_info")):
         raise ValueError(f"client must be a distributed.Client, got {reprlib.repr(client)}")
+    if not isinstance(method, HJI | HopfLax):
+        raise ValueError(f"a store does not take method {method.name!r}, but sdhj.HJI and sdhj.HopfLax{INSTEAD}")
     reasons = {
-        f"method {method.name!r}, but sdhj.HJI and sdhj.HopfLax": not isinstance(method, HJI | HopfLax),
         'games="joint"': isinstance(method, HJI) and method.games == "joint",
         "steps=None": problem.steps is None,
         "sensing": problem.sensing,
@@ -124,7 +125,8 @@ def refuse(problem: ReachAvoidProblem, method: Any, resume: Any, client: Any) ->
         "safe ends": problem.grid.has("safe"),
     }
     if reason := next((reason for reason, applies in reasons.items() if applies), None):
-        raise ValueError(f"a store does not take {reason}; leave store= out to solve in memory")
+        raise ValueError(f"a store does not take {reason}{INSTEAD}")
+    return method
 
 
 # ---- the plan

@@ -20,7 +20,7 @@ from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.avoid import dangers
 from sdhj.solver.former import Former, Kept
-from sdhj.solver.methods import HJI, METHODS, HopfLax, Method, method_of
+from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, Sets, recursion
 from sdhj.solver.resolution import check_sets
@@ -30,7 +30,25 @@ from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
 
 PLAYER.append(played)
-METHODS.update(projected=Projected, certified=Certified)
+METHODS = {kind.name: kind for kind in (HJI, Projected, HopfLax, Certified)}  # by which `solve` knows them
+
+
+def method_of(method: str | Method) -> Method:
+    """The method with a name and default options; an object that is a method is returned as it is.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    if isinstance(method, str) and method in METHODS:
+        made: Method = METHODS[method]()
+        return made
+    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
+        raise ValueError(
+            f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
+        )
+    return method
 
 
 def solve(
@@ -97,7 +115,7 @@ def solve(
     if store is not None:
         for finding in suspicions(problem):
             tell(finding)
-        return solve_stored(problem, method, store, progress, resume, client, memory, most)
+        return solve_stored(problem, method_of(method), store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()

@@ -8,7 +8,7 @@ import numpy as np
 import sdhj
 from sdhj.outofcore import planned, task_bytes
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.methods import method_of
+from sdhj.solving import method_of
 
 
 def room(problem: ReachAvoidProblem, method="hji", width=8, axis=0) -> int:

@@ -2,21 +2,22 @@
 
 import numpy as np
 
+from sdhj.formulas.rules import FACTS, RULES
 from sdhj.kernels import tape as tapes
 
-OPERATIONS = tapes.OPERATIONS
-THREE, TRUTHS = ("where",), ("and", "or", "not")
-TWO = "add sub mul div pow arctan2 hypot min max mod less lesseq equal and or share".split()
+OPERATIONS = [op for op in RULES if op not in ("x", "p", "const", "gridded")]
+TRUTHS = ("and", "or", "not")
 NONE = np.zeros(1)  # parameters
 
 
 def arity(op):
-    return 3 if op in THREE else 2 if op in TWO else 1
+    return RULES[op].arity
 
 
 def made(rows, outputs, slots=None, lookups=(), places=(), tables=()):
     """A tape of rows (operation, slot, operands, value)."""
-    code = [(OPERATIONS.index(op), slot, *operands, *[0] * (3 - len(operands))) for op, slot, operands, _ in rows]
+    both = [(op, slot, operands * 2 if len(operands) == 1 else operands) for op, slot, operands, _ in rows]
+    code = [(RULES[op].code, slot, *operands, *[0] * (3 - len(operands))) for op, slot, operands in both]
     return tapes.packed(
         np.array(code, np.int64),
         np.array([slots or 1 + max(row[1] for row in rows)]),
@@ -45,10 +46,10 @@ def values(tape, points, parameters=NONE):
     return out
 
 
-def bounds(tape, low, high, parameters_low=NONE, parameters_high=NONE):
+def bounds(tape, low, high, parameters_low=NONE, parameters_high=NONE, facts=FACTS):
     low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
     out = np.full((2, results(tape), len(low)), -7.0)
-    tapes.play_bounds(tape, low, high, np.array([parameters_low, parameters_high], float), out)
+    tapes.play_bounds(tape, facts, low, high, np.array([parameters_low, parameters_high], float), out)
     return out
 
 
@@ -58,7 +59,7 @@ def random_rows(rng, coordinates, length):
     rows += [("const", k, (), float(rng.choice([0.0, 1.0, -1.0, 0.5, np.pi, -0.3, 1e-3, 100.0]))) for k in range(3, 5)]
     truths: list[int] = []
     while len(rows) < length:
-        op = str(rng.choice(OPERATIONS[3:37]))
+        op = str(rng.choice(OPERATIONS))
         numbers = [row[1] for row in rows if row[1] not in truths]
         if (op in TRUTHS or op == "where") and not truths:
             continue

@@ -15,7 +15,7 @@ import sdhj
 from sdhj.problem.cost import CALL, Meter
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.solver import games, recursion, schemes
-from sdhj.solver.methods import method_of
+from sdhj.solving import method_of
 
 MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
 
@@ -59,7 +59,7 @@ def done(monkeypatch):
     return counts
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 @pytest.mark.parametrize("kind", ["constant", "turning", "timed", "moving"])
 @pytest.mark.parametrize("method", [FIXED, sdhj.Projected(inner=FIXED), sdhj.HJI(games="joint")])  # no shifts
 def test_updates_of_nodes_are_those_that_were_stated(done, kind, method):
@@ -101,7 +101,7 @@ def test_a_set_that_moves_is_said_to_cost_a_triangle_of_tubes(moving):
     assert (" (N (N + 1) / 2 in place of N = 8, because 'post' depends on time)" in str(stated)) == moving
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 @pytest.mark.parametrize("name", ["lax", "hji", "projected", "certified"])
 def test_what_takes_too_long_is_refused_with_the_number_that_makes_it_so(name, tmp_path):
     """Before anything is solved; the advice to allow more is followed."""

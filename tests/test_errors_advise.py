@@ -260,7 +260,7 @@ CASES = {
     ),
     "too many inputs": (
         "are supported, so quantise more coarsely",
-        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 300)[:, None]] * 2),
+        lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 70_000)[:, None]] * 2),
         lambda to: Dynamics(*[np.linspace(-1.0, 1.0, 100)[:, None]] * 2),
     ),
     "a drift without dynamics' other half": (

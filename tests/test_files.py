@@ -292,7 +292,7 @@ def agree(one, other, rng):
     assert all(np.array_equal(run.starts, runs[0].starts) for run in runs)
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 @pytest.mark.parametrize("name", CASES)
 def test_a_table_of_any_robot_is_read_from_its_file_alone(name, tmp_path, rng):
     problem, method = CASES[name]

@@ -10,8 +10,8 @@ import toys
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.solver.methods import METHODS, method_of
 from sdhj.solver.recursion import GridSets
+from sdhj.solving import METHODS, method_of
 
 # ---- a method of one's own: exact on a ring of nodes where every velocity moves the state by whole nodes
 
@@ -42,12 +42,15 @@ class ShiftGames:
 class Shift:
     """Exact shifts on a periodic axis."""
 
-    name = "shift"
+    name, options = "shift", {"exact": True}
+
+    def on(self, problem):
+        return ShiftGames(problem)
 
     def sets(self, problem, progress=None):
         if problem.grid.ndim != 1 or not problem.grid.periodic[0]:
             raise ValueError("shift needs one periodic axis")
-        return GridSets(problem, self.name, ShiftGames, "float32", {"exact": True})
+        return GridSets(problem, self)
 
 
 def ring_problem(*, rate=0.0, steps=5):
@@ -150,7 +153,7 @@ class Mute:
     ids=["unknown", "list", "nothing", "class", "scheme", "function", "nameless", "mute"],
 )
 def test_what_is_no_method_is_refused_with_what_is_one(method, said):
-    expected = r"method must be one of hji, lax, projected, certified, or an object such as sdhj.HJI\(scheme=...\), "
+    expected = rf"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI\(scheme=...\), "
     with pytest.raises(ValueError, match=expected + said):
         sdhj.solve(toys.interval_problem(steps=1), method, progress=False)
 
@@ -168,13 +171,13 @@ def objects():
 
 
 def test_a_short_form_stands_for_the_object_with_its_usual_options():
-    assert list(METHODS) == list(objects())
+    assert METHODS.keys() == objects().keys()
     for name, method in objects().items():
         assert method_of(name) == method and method_of(method) is method and method.name == name
 
 
 @pytest.mark.filterwarnings(
-    "ignore::sdhj.solver.projections.ProjectionWarning"
+    "ignore::sdhj.problem.findings.ProjectionWarning"
 )  # dropping x loses the target, dropping y not
 @pytest.mark.parametrize(("name", "method"), [("hji", HJI()), ("projected", Projected()), ("lax", HopfLax())])
 def test_a_short_form_gives_the_table_of_its_object(name, method):

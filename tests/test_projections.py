@@ -21,7 +21,7 @@ from sdhj.table.table import AvoidTubes
 MONOTONE = HopfLax("linear")  # leaves the order of sets alone
 ROUNDING = 1e-5  # sums of a few products of numbers below ten, in another order and single precision
 pytestmark = pytest.mark.filterwarnings(
-    "ignore::sdhj.solver.projections.ProjectionWarning"
+    "ignore::sdhj.problem.findings.ProjectionWarning"
 )  # each test says what it expects
 
 

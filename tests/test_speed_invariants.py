@@ -73,7 +73,7 @@ def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
 
 
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 def test_few_loops_are_shared_out(monkeypatch, method):
     """Of the kernels' calls, those on arrays that are not small; each wakes all threads."""
     counted, call = [], compiling.Shared.__call__
@@ -125,7 +125,7 @@ def test_cores_that_other_programs_keep_busy_are_left_to_them(monkeypatch, cores
 
 
 @pytest.mark.parametrize("method", ["hji", "lax", "projected"])
-@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 def test_rows_that_are_joined_change_nothing(monkeypatch, method):
     """Inputs join a small grid in few long rows; in rows of the last half of the axes they join it to the same bits."""
     found = {}
@@ -230,7 +230,7 @@ def test_memory_is_stated_in_advance_and_checked(monkeypatch):
         sdhj.solve(problem)
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.solver.projections.ProjectionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ProjectionWarning")
 @pytest.mark.parametrize(
     "gain",
     [pytest.param(np.eye(3), id="boxes"), pytest.param(np.ones((3, 3)), id="coupled", marks=pytest.mark.slow)],
@@ -276,7 +276,9 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
     def sampled(points, t):
         raise AssertionError("sampled")
 
-    with pytest.raises(MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes needs about .* GB.*fewer nodes"):
+    with pytest.raises(
+        MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes, before any tube, needs about .* GB.*fewer nodes"
+    ):
         sdhj.arm_case_study(nodes=1000)
     everywhere = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled))
     for nodes in (1000, 10**6):  # the product of the latter is more than 64 bits hold

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import tapes
 
-from sdhj.kernels.elementary import ERRORS
-from sdhj.kernels.tape import OPERATIONS
+from sdhj.formulas.rules import RULES
 
 AWKWARD = [0.0, 1.0, 0.5, 2.0, 7 / 16, 19 / 16, math.pi / 4, math.pi / 2, math.pi, 0.1, 3.0, 100.0, 1e6, 1e10]
 AWKWARD += [5e-324, 1e-310, 1e-200, 1e-17, 1e200, 1.7e308, 708.0, 745.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0)]
@@ -18,8 +17,9 @@ AWKWARD = sorted([-a for a in AWKWARD] + AWKWARD)
 NAMES = {"neg": "negative", "sqr": "square", "pow": "power", "min": "minimum", "max": "maximum", "mod": "remainder",
          "lesseq": "less_equal", "equal": "equal", "abs": "absolute", "div": "divide", "sub": "subtract",
          "mul": "multiply", "and": "multiply", "or": "maximum"}  # fmt: skip
+ERRORS = {op: rule.error for op, rule in RULES.items() if rule.error}
 POWERS = [0, 1, 2, 3, 7, 8, 64, -1, -2, -3, -64]
-SCALARS = [(op, 0) for op in OPERATIONS[3:37] if op != "power"] + [("power", n) for n in POWERS]
+SCALARS = [(op, 0) for op in tapes.OPERATIONS if op != "power"] + [("power", n) for n in POWERS]
 BITS = ("less", "lesseq", "equal", "and", "or", "not", "where")
 
 

@@ -117,7 +117,8 @@ def chosen_of(
         return chosen
     batch = Batch(centres, step, 1, to_go[some], safe[some], margins, chosen[some])
     scores = np.full(margins.shape, np.inf)
-    scores[safe[some]] = RULES[rule](Candidates(table.problem, batch, *np.nonzero(safe[some])))
+    at, inputs = np.nonzero(safe[some])
+    scores[safe[some]] = RULES[rule](Candidates(table.problem, batch, at, inputs, np.full(len(at), -1)))
     chosen[some] = preferred(scores, margins)
     return chosen
 

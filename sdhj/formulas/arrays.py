@@ -22,6 +22,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
 from sdhj.formulas.narrowing import ZERO
+from sdhj.formulas.rules import RULES
 from sdhj.formulas.zeros import UNSURE, is_negative
 
 MOST_NODES = 200_000  # entries that one function may compute
@@ -417,22 +418,21 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     raise NotTraced(what, "np.where(condition, 1.0, 0.0) is a number, and 1.0 in place of 1")
 
 
-ONE = "sin cos tan exp log sqrt arctan arcsin arccos tanh floor sign square:sqr negative:neg absolute:abs fabs:abs"
-TWO = "add subtract:sub multiply:mul hypot arctan2 remainder:mod minimum:min maximum:max fmin:min fmax:max"
-ORDER = "less less_equal:lesseq equal"
-OPERATIONS: dict[Any, Callable[..., Node]] = {
-    getattr(np, name): functools.partial(make, op or name)
-    for name, _, op in (one.partition(":") for one in f"{ONE} {TWO} {ORDER}".split())
-} | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
-UNSIGNED = {np.absolute, np.fabs, np.square, np.hypot, np.sign, np.exp, np.cos}  # of zeros none is negative
-CHOSEN = {np.maximum, np.minimum, np.fmax, np.fmin, np.sqrt}  # none, if no operand is
-EXACT = {np.add, np.subtract, np.multiply, np.negative, np.absolute, np.minimum, np.maximum, np.sign, np.square}
-EXACT |= {np.less, np.less_equal, np.equal}  # ... of whole numbers and truth values, too
-LOGICAL: dict[Any, Callable[..., Node]] = {
-    **dict.fromkeys((np.logical_and, np.bitwise_and, np.multiply, np.minimum, np.fmin), functools.partial(make, "and")),
-    **dict.fromkeys((np.logical_or, np.bitwise_or, np.add, np.maximum, np.fmax), functools.partial(make, "or")),
-    **dict.fromkeys((np.logical_not, np.invert), functools.partial(make, "not")),
-}  # of truth values
+def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
+    """NumPy's functions that are an operation, of numbers or of truth values."""
+    rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
+    return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
+
+
+def _with(zeros: str) -> set[Any]:
+    """NumPy's functions whose zeros have such signs."""
+    return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
+
+
+OPERATIONS = _read_as(False) | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
+LOGICAL = _read_as(True)
+UNSIGNED, CHOSEN = _with("positive"), _with("chosen")
+EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.whole}
 
 
 def _rint(a: Any) -> Any:

@@ -18,7 +18,7 @@ from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
-from sdhj.formulas.rules import OPCODES
+from sdhj.formulas.rules import FACTS, RULES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
@@ -127,7 +127,7 @@ class Formula:
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
         low, high, ends = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, ends))
-        _play_bounds(self.tape, low, high, ends, out)
+        _play_bounds(self.tape, FACTS, low, high, ends, out)
         undefined = np.isnan(out[0])
         out[0][undefined], out[1][undefined] = -np.inf, np.inf
         least, greatest = np.moveaxis(out, 2, 1).reshape(2, len(low), *self.shape)
@@ -245,12 +245,14 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
             slots[one] = free.pop()
         else:
             slots[one], top = top, top + 1
-        code[place, :2] = OPCODES[one.op], slots[one]
+        code[place, :2] = RULES[one.op].code, slots[one]
         if one.op == "gridded":
             code[place, 2] = len(lookups)
             lookups.append((one, used))
         else:
             code[place, 2 : 2 + len(used)] = used
+            if len(used) == 1:
+                code[place, 3] = used[0]
         if one.op in ("x", "p"):
             code[place, 2] = one.value[0]
         elif one.op in ("const", "power"):

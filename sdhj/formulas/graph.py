@@ -5,7 +5,6 @@ objects. A node is simplified when it is made, but no operand that may be undefi
 """
 
 import math
-import operator
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -135,87 +134,18 @@ def is_constant(one: Node, value: float | None = None) -> bool:
     return one.op == "const" and (value is None or one.value == value)
 
 
-FOLDED: dict[str, Callable[..., Any]] = {
-    "add": operator.add,
-    "sub": operator.sub,
-    "mul": operator.mul,
-    "div": operator.truediv,
-    "neg": operator.neg,
-    "abs": abs,
-    "sqr": lambda a: a * a,
-    "sqrt": math.sqrt,
-    "less": operator.lt,
-    "lesseq": operator.le,
-    "equal": operator.eq,
-    "and": lambda a, b: bool(a) and bool(b),
-    "or": lambda a, b: bool(a) or bool(b),
-    "not": operator.not_,
-    "min": min,
-    "max": max,
-}
-
-
-def make(op: str, *args: Node, value: Any = None) -> Node:
-    """A node, simplified where that changes neither a value nor where it is undefined."""
-    if args[-1].op == "const" and op in FOLDED and all(is_constant(arg) and not math.isnan(arg.value) for arg in args):
+def make(op: str = "const", *args: Node, value: Any = None) -> Node:
+    """A node, simplified where that changes neither a value nor where it is undefined; by default a constant."""
+    if not args:
+        return constant(value)
+    rule = RULES[op]
+    if args[-1].op == "const" and rule.folded and all(is_constant(arg) and not math.isnan(arg.value) for arg in args):
         try:
-            return constant(FOLDED[op](*(arg.value for arg in args)))
+            return constant(rule.folded(*(arg.value for arg in args)))
         except (ArithmeticError, ValueError):  # undefined: left to be evaluated
             return interned(op, args)
-    simpler = SIMPLER[op](*args) if op in SIMPLER else None
+    simpler = rule.simpler(make, *args) if rule.simpler else None
     return interned(op, args, value) if simpler is None else simpler
-
-
-def _add(a: Node, b: Node) -> Node | None:
-    if is_constant(a, 0.0) or is_constant(b, 0.0):
-        return b if is_constant(a, 0.0) else a
-    return make("sub", a, b.args[0]) if b.op == "neg" else None
-
-
-def _sub(a: Node, b: Node) -> Node | None:
-    if is_constant(b, 0.0):
-        return a
-    if a is b and a.total:
-        return constant(0.0)
-    return make("neg", b) if is_constant(a, 0.0) else None
-
-
-def _mul(a: Node, b: Node) -> Node | None:
-    for one, other in ((a, b), (b, a)):
-        if is_constant(one, 0.0) and other.total:
-            return constant(0.0)
-        if is_constant(one, 1.0):
-            return other
-        if is_constant(one, -1.0):
-            return make("neg", other)
-    return make("sqr", a) if a is b else None
-
-
-def _where(condition: Node, a: Node, b: Node) -> Node | None:
-    if is_constant(condition):
-        return condition if math.isnan(condition.value) else a if condition.value else b
-    return a if a is b and condition.total else None
-
-
-def _but_for(op: str, neutral: float) -> Callable[[Node, Node], Node | None]:
-    """Of an operation that gives a itself for a and a, and for a and `neutral`."""
-
-    def simpler(a: Node, b: Node) -> Node | None:
-        if a is b or is_constant(b, neutral):
-            return a
-        if a.op == op and is_constant(b) and is_constant(a.args[1]):
-            return make(op, a.args[0], make(op, a.args[1], b))
-        return b if is_constant(a, neutral) else None
-
-    return simpler
-
-
-SIMPLER: dict[str, Callable[..., Node | None]] = {
-    **{"add": _add, "sub": _sub, "mul": _mul, "where": _where},
-    **{op: _but_for(op, neutral) for op, neutral in (("min", math.inf), ("max", -math.inf), ("and", 1.0), ("or", 0.0))},
-    "div": lambda a, b: a if is_constant(b, 1.0) else None,
-    "neg": lambda a: a.args[0] if a.op == "neg" else None,
-}
 
 
 def power(a: Node, b: Node) -> Node:

@@ -9,11 +9,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from sdhj.formulas.graph import Node, constant, is_constant, make, ordered
+from sdhj.formulas.rules import RULES
 
 MOST_NARROWED = 100  # operations of a branch: what both branches share is copied, and a loop may double it each time
 ZERO = constant(0.0)
-LENGTHS = ("abs", "hypot", "sqrt", "sqr")  # never negative
-SHRINKING = ("abs", "neg", "sin", "tanh", "arctan")  # |f(a)| <= |a|
 
 
 def where(condition: Node, one: Node, other: Node) -> Node:
@@ -94,7 +93,7 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
-    return one.op in LENGTHS or (one.op == "const" and one.value >= 0)
+    return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
 def _is_apart(one: Node, apart: set[Node]) -> bool:
@@ -123,7 +122,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 def _at_most(a: Node, b: Node) -> bool:
     """Whether |a| <= |b| wherever both are defined."""
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
-    while a.op in SHRINKING:
+    while RULES[a.op].shrinks:
         a = a.args[0]
         sizes.add(a)
     while left:

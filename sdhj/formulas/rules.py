@@ -1,67 +1,283 @@
-"""The closed set of operations of a formula, a record each.
+"""The closed set of operations of a formula, a record each, from which all else that is known of them follows.
 
-The kernels of a tape (`sdhj.kernels.tape`) hold value and interval of each; a file's text and the checker know it by
-name. NaN means undefined: it passes through every operation.
+The kernels of a tape (`sdhj.kernels.tape`) compute the values; the checker has rules of its own, by the same names. NaN
+means undefined: it passes through every operation. A record's functions make nodes by `make` (`sdhj.formulas.graph`).
 """
 
+import math
+import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from sdhj.kernels.tape import OPERATIONS
+import numpy as np
+
+from sdhj.kernels import FloatArray, tape
+from sdhj.kernels.elementary import INF
+from sdhj.kernels.intervals import PI_UP, STEP, TINY
+
+Make = Callable[..., Any]  # of an operation's name and operands: a node, simplified
 
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation."""
+    """One operation, f of operands a, b and c.
+
+    Its interval follows from values at ends of the operands, moved outward by their error, where the kernels have no
+    rule of its own for it: f rises with an operand, or falls with the first, or does so with absolute values.
+    """
 
     name: str  # in texts, and the field `op` of a node
+    code: int  # for the kernels
     arity: int  # how many operands it has; -1 for one to six
-    numpy: str  # the NumPy functions that it stands for
+    numpy: str  # the NumPy functions that it stands for, or that are made of it
     says: str  # one sentence: what it computes and where it is undefined
+    ufuncs: str = ""  # NumPy's functions that are read as it
+    whole: bool = False  # whether the first of these is exact of whole numbers and truth values, too
     total: bool = True  # whether it is defined wherever its operands are
     truth: bool = False  # whether it gives a truth value
+    truths: int = 0  # how many of its operands, the first ones, are truth values
+    folded: Callable[..., Any] | None = None  # of Python's numbers, where those are NumPy's bit for bit
+    simpler: Callable[..., Any] | None = None  # (make, operands): a node that is the same, or None
+    derivative: Callable[[Make, Any, Sequence[Any], Sequence[Any]], Any] | None = None  # (make, f, operands, slopes)
+    error: float | None = 0.0  # of a value, in units in the last place, besides its rounding; None: it is exact
+    falls: bool = False  # whether it falls with its first operand
+    absolute: bool = False  # whether it depends on the absolute values of its operands
+    direct: bool = False  # whether the kernels have a rule of their own for its interval
+    vanishes: bool = False  # whether a value that is computed as 0 may be off
+    least: float = -INF
+    most: float = INF
+    length: bool = False  # whether it is never negative
+    shrinks: bool = False  # whether |f(a)| <= |a|
+    chooses: tuple[int, ...] = ()  # the operands of which one is the result
+    pieces: bool = False  # whether it is made of pieces, so that it may be 0 in a whole region
+    zeros: str = ""  # "kept": signed as NumPy's; "positive": none has a minus; "chosen": as an operand's
+    sign: str = ""  # between its operands, in mathematics
+    binds: int = -1  # how tightly; -1 for a name with parentheses
 
 
-RULES = {
-    rule.name: rule
-    for rule in (
-        Rule("x", 0, "", "A coordinate of the state."),
-        Rule("p", 0, "", "A parameter: the time, or a component of the adversary."),
-        Rule("const", 0, "", "A number."),
-        Rule("add", 2, "add, sum", "The sum."),
-        Rule("sub", 2, "subtract, diff", "The difference."),
-        Rule("mul", 2, "multiply, prod, matmul, dot, cross, einsum, polyval", "The product."),
-        Rule("div", 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.", total=False),
-        Rule("neg", 1, "negative", "The negative."),
-        Rule("abs", 1, "absolute, fabs", "The absolute value."),
-        Rule("sqr", 1, "square, power, var", "The square."),
-        Rule("sqrt", 1, "sqrt, linalg.norm, std", "The square root; undefined below 0.", total=False),
-        Rule("power", 1, "power", "A power, its exponent whole and up to 64; undefined at 0 where that is negative."),
-        Rule("pow", 2, "float_power, cbrt", "A power of a base above 0, or of 0 to what is above 0.", total=False),
-        Rule("exp", 1, "exp, exp2, expm1, sinh, cosh", "The exponential; unbounded where it overflows.", total=False),
-        Rule("log", 1, "log, log1p, log2, log10, logaddexp", "The natural logarithm, of what is above 0.", total=False),
-        Rule("sin", 1, "sin", "The sine of an angle in radians."),
-        Rule("cos", 1, "cos", "The cosine of an angle in radians."),
-        Rule("tan", 1, "tan", "The tangent of an angle in radians; unbounded across a pole.", total=False),
-        Rule("arctan", 1, "arctan", "The angle in (-pi/2, pi/2) with this tangent."),
-        Rule("arctan2", 2, "arctan2", "The angle of (x, y), y first, in [-pi, pi]; zeros have their signs."),
-        Rule("tanh", 1, "tanh", "The hyperbolic tangent."),
-        Rule("arcsin", 1, "arcsin", "The angle in [-pi/2, pi/2] with this sine; undefined off [-1, 1].", total=False),
-        Rule("arccos", 1, "arccos", "The angle in [0, pi] with this cosine; undefined outside [-1, 1].", total=False),
-        Rule("hypot", 2, "hypot", "The length of the vector (x, y)."),
-        Rule("min", 2, "minimum, fmin, min, clip", "The lesser one; undefined if either is."),
-        Rule("max", 2, "maximum, fmax, max, clip", "The greater one; undefined if either is."),
-        Rule("floor", 1, "floor, ceil, trunc, rint, round, floor_divide", "The largest whole number not above it."),
-        Rule("mod", 2, "mod, divmod", "a less whole multiples of b, signed as b; undefined for b = 0.", total=False),
-        Rule("sign", 1, "sign", "-1, 0 or 1."),
-        Rule("less", 2, "less, greater", "Whether a < b.", truth=True),
-        Rule("lesseq", 2, "less_equal, greater_equal", "Whether a <= b.", truth=True),
-        Rule("equal", 2, "equal, not_equal", "Whether a = b.", truth=True),
-        Rule("and", 2, "logical_and, &, all", "Whether both are true.", truth=True),
-        Rule("or", 2, "logical_or, |, any", "Whether one is true.", truth=True),
-        Rule("not", 1, "logical_not, ~", "Whether it is false.", truth=True),
-        Rule("share", 2, "divide", "The quotient, cut to [-1, 1]; 0 where the divisor is 0."),
-        Rule("where", 3, "where, select", "The second if the first is true, else the third; the other may be NaN."),
-        Rule("gridded", -1, "sdhj.gridded, interp", "Multilinear interpolation of a table, held at its ends."),
-    )
-}
-OPCODES = {name: place for place, name in enumerate(OPERATIONS)}
+# ---- how nodes are simplified: without a change of a value, or of where it is undefined
+
+
+def _is(one: Any, value: float) -> bool:
+    return bool(one.op == "const" and one.value == value)
+
+
+def _add(make: Make, a: Any, b: Any) -> Any:
+    if _is(a, 0.0) or _is(b, 0.0):
+        return b if _is(a, 0.0) else a
+    return make("sub", a, b.args[0]) if b.op == "neg" else None
+
+
+def _sub(make: Make, a: Any, b: Any) -> Any:
+    if _is(b, 0.0):
+        return a
+    if a is b and a.total:
+        return make(value=0.0)
+    return make("neg", b) if _is(a, 0.0) else None
+
+
+def _mul(make: Make, a: Any, b: Any) -> Any:
+    for one, other in ((a, b), (b, a)):
+        if _is(one, 0.0) and other.total:
+            return make(value=0.0)
+        if _is(one, 1.0):
+            return other
+        if _is(one, -1.0):
+            return make("neg", other)
+    return make("sqr", a) if a is b else None
+
+
+def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
+    if condition.op == "const":
+        return condition if math.isnan(condition.value) else a if condition.value else b
+    return a if a is b and condition.total else None
+
+
+def _but_for(op: str, neutral: float) -> Callable[..., Any]:
+    """Of an operation that gives a itself for a and a, and for a and `neutral`."""
+
+    def simpler(make: Make, a: Any, b: Any) -> Any:
+        if a is b or _is(b, neutral):
+            return a
+        if a.op == op and b.op == "const" and a.args[1].op == "const":
+            return make(op, a.args[0], make(op, a.args[1], b))
+        return b if _is(a, neutral) else None
+
+    return simpler
+
+
+# ---- derivatives, of operands a whose derivatives are d
+
+
+def settled(make: Make, one: Any) -> Any:
+    """0 in boxes where the interval of a node is one number, undefined in others."""
+    return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
+
+
+def turned(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """How an angle of (x, y), y first, turns."""
+    return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
+
+
+def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
+    return settled(make, f)
+
+
+def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
+        return d[1] * a[0] if d[0] is zero else d[0] * a[1]
+    return d[0] * a[1] + a[0] * d[1]
+
+
+def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
+
+
+def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
+    return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
+
+
+def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
+    return turned(make, a, d) + cut
+
+
+def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    laps = make("floor", make("div", *a))
+    return make("sub", d[0], laps * d[1]) + settled(make, laps)
+
+
+def _chord(make: Make, one: Any) -> Any:
+    """The square root of 1 - a^2."""
+    return make("sqrt", make("sub", make(value=1.0), make("sqr", one)))
+
+
+# ---- the records
+
+# fmt: off
+RULES = {rule.name: rule for rule in (
+    Rule("x", tape.X, 0, "", "A coordinate of the state.", zeros="kept"),
+    Rule("p", tape.P, 0, "", "A parameter: the time, or a component of the adversary.", zeros="kept"),
+    Rule("const", tape.CONST, 0, "", "A number.", zeros="kept"),
+    Rule("add", tape.ADD, 2, "add, sum", "The sum.",
+         ufuncs="add", whole=True, direct=True, zeros="kept", sign=" + ", binds=3, folded=operator.add, simpler=_add,
+         derivative=lambda make, f, a, d: make("add", *d)),
+    Rule("sub", tape.SUB, 2, "subtract, diff", "The difference.",
+         ufuncs="subtract", whole=True, direct=True, zeros="kept", sign=" - ", binds=3, folded=operator.sub,
+         simpler=_sub, derivative=lambda make, f, a, d: make("sub", *d)),
+    Rule("mul", tape.MUL, 2, "multiply, prod, matmul, dot, cross, einsum, polyval", "The product.",
+         ufuncs="multiply", whole=True, direct=True, zeros="kept", binds=4, folded=operator.mul, simpler=_mul,
+         derivative=_product),
+    Rule("div", tape.DIV, 2, "divide, reciprocal, mean", "The quotient; undefined where the divisor is 0.",
+         total=False, direct=True, zeros="kept", sign=" / ", binds=4, folded=operator.truediv,
+         simpler=lambda make, a, b: a if _is(b, 1.0) else None, derivative=_quotient),
+    Rule("neg", tape.NEG, 1, "negative", "The negative.",
+         ufuncs="negative", whole=True, error=None, falls=True, shrinks=True, zeros="kept", binds=4,
+         folded=operator.neg, simpler=lambda make, a: a.args[0] if a.op == "neg" else None,
+         derivative=lambda make, f, a, d: make("neg", *d)),
+    Rule("abs", tape.ABS, 1, "absolute, fabs", "The absolute value.",
+         ufuncs="absolute fabs", whole=True, error=None, absolute=True, least=0.0, length=True, shrinks=True,
+         pieces=True, zeros="kept positive", folded=abs,
+         derivative=lambda make, f, a, d: make("where", make("less", a[0], make(value=0.0)), make("neg", d[0]), d[0])),
+    Rule("sqr", tape.SQR, 1, "square, power, var", "The square.",
+         ufuncs="square", whole=True, absolute=True, vanishes=True, least=0.0, length=True, zeros="kept positive",
+         binds=5, folded=lambda a: a * a, derivative=lambda make, f, a, d: make(value=2.0) * a[0] * d[0]),
+    Rule("sqrt", tape.SQRT, 1, "sqrt, linalg.norm, std", "The square root; undefined below 0.",
+         ufuncs="sqrt", total=False, least=0.0, length=True, zeros="kept chosen", folded=math.sqrt,
+         derivative=lambda make, f, a, d: make("div", d[0], make(value=2.0) * f)),
+    Rule("power", tape.POWER, 1, "power",
+         "A power, its exponent whole and up to 64; undefined at 0 where that is negative.", vanishes=True, binds=5,
+         derivative=lambda make, f, a, d: make(value=f.value) * make("power", a[0], value=f.value - 1) * d[0]),
+    Rule("pow", tape.POW, 2, "float_power, cbrt", "A power of a base above 0, or of 0 to what is above 0.",
+         total=False, error=4, vanishes=True, least=0.0, derivative=_any_power),
+    Rule("exp", tape.EXP, 1, "exp, exp2, expm1, sinh, cosh", "The exponential; unbounded where it overflows.",
+         ufuncs="exp", total=False, error=2, vanishes=True, least=0.0, zeros="positive",
+         derivative=lambda make, f, a, d: f * d[0]),
+    Rule("log", tape.LOG, 1, "log, log1p, log2, log10, logaddexp", "The natural logarithm, of what is above 0.",
+         ufuncs="log", total=False, error=2,  # its derivative is undefined below 0, as it is
+         derivative=lambda make, f, a, d: make("pow", a[0], make(value=-1.0)) * d[0]),
+    Rule("sin", tape.SIN, 1, "sin", "The sine of an angle in radians.",
+         ufuncs="sin", error=3, least=-1.0, most=1.0, shrinks=True,
+         derivative=lambda make, f, a, d: make("cos", a[0]) * d[0]),
+    Rule("cos", tape.COS, 1, "cos", "The cosine of an angle in radians.",
+         ufuncs="cos", error=3, least=-1.0, most=1.0, zeros="positive",
+         derivative=lambda make, f, a, d: make("neg", make("sin", a[0])) * d[0]),
+    Rule("tan", tape.TAN, 1, "tan", "The tangent of an angle in radians; unbounded across a pole.",
+         ufuncs="tan", total=False, error=6,
+         derivative=lambda make, f, a, d: (make(value=1.0) + make("sqr", f)) * d[0]),
+    Rule("arctan", tape.ARCTAN, 1, "arctan", "The angle in (-pi/2, pi/2) with this tangent.",
+         ufuncs="arctan", error=2, least=-PI_UP / 2, most=PI_UP / 2, shrinks=True,
+         derivative=lambda make, f, a, d: make("div", d[0], make(value=1.0) + make("sqr", a[0]))),
+    Rule("arctan2", tape.ARCTAN2, 2, "arctan2", "The angle of (x, y), y first, in [-pi, pi]; zeros have their signs.",
+         ufuncs="arctan2", error=4, vanishes=True, least=-PI_UP, most=PI_UP, pieces=True, derivative=_angle),
+    Rule("tanh", tape.TANH, 1, "tanh", "The hyperbolic tangent.",
+         ufuncs="tanh", error=4, least=-1.0, most=1.0, shrinks=True,
+         derivative=lambda make, f, a, d: make("sub", make(value=1.0), make("sqr", f)) * d[0]),
+    Rule("arcsin", tape.ARCSIN, 1, "arcsin", "The angle in [-pi/2, pi/2] with this sine; undefined off [-1, 1].",
+         ufuncs="arcsin", total=False, error=4, least=-PI_UP / 2, most=PI_UP / 2,
+         derivative=lambda make, f, a, d: make("div", d[0], _chord(make, a[0]))),
+    Rule("arccos", tape.ARCCOS, 1, "arccos", "The angle in [0, pi] with this cosine; undefined outside [-1, 1].",
+         ufuncs="arccos", total=False, error=4, falls=True, least=0.0, most=PI_UP,
+         derivative=lambda make, f, a, d: make("neg", make("div", d[0], _chord(make, a[0])))),
+    Rule("hypot", tape.HYPOT, 2, "hypot", "The length of the vector (x, y).",
+         ufuncs="hypot", error=3, absolute=True, least=0.0, length=True, zeros="positive",
+         derivative=lambda make, f, a, d: make("share", a[0], f) * d[0] + make("share", a[1], f) * d[1]),
+    Rule("min", tape.MIN, 2, "minimum, fmin, min, clip", "The lesser one; undefined if either is.",
+         ufuncs="minimum fmin", whole=True, error=None, chooses=(0, 1), pieces=True, zeros="chosen", folded=min,
+         simpler=_but_for("min", math.inf), derivative=lambda make, f, a, d: make("where", make("less", *a), *d)),
+    Rule("max", tape.MAX, 2, "maximum, fmax, max, clip", "The greater one; undefined if either is.",
+         ufuncs="maximum fmax", whole=True, error=None, chooses=(0, 1), pieces=True, zeros="chosen", folded=max,
+         simpler=_but_for("max", -math.inf),
+         derivative=lambda make, f, a, d: make("where", make("less", *a), *d[::-1])),
+    Rule("floor", tape.FLOOR, 1, "floor, ceil, trunc, rint, round, floor_divide",
+         "The largest whole number not above it.",
+         ufuncs="floor", error=None, pieces=True, zeros="kept", derivative=_step),
+    Rule("mod", tape.MOD, 2, "mod, divmod", "a less whole multiples of b, signed as b; undefined for b = 0.",
+         ufuncs="remainder", total=False, error=None, pieces=True, derivative=_remainder),
+    Rule("sign", tape.SIGN, 1, "sign", "-1, 0 or 1.",
+         ufuncs="sign", whole=True, error=None, pieces=True, zeros="positive", derivative=_step),
+    Rule("less", tape.LESS, 2, "less, greater", "Whether a < b.",
+         ufuncs="less", whole=True, truth=True, error=None, falls=True, pieces=True, sign=" < ", binds=2,
+         folded=operator.lt, derivative=_step),
+    Rule("lesseq", tape.LESSEQ, 2, "less_equal, greater_equal", "Whether a <= b.",
+         ufuncs="less_equal", whole=True, truth=True, error=None, falls=True, pieces=True, sign=" <= ", binds=2,
+         folded=operator.le, derivative=_step),
+    Rule("equal", tape.EQUAL, 2, "equal, not_equal", "Whether a = b.",
+         ufuncs="equal", whole=True, truth=True, direct=True, pieces=True, sign=" = ", binds=2,
+         folded=operator.eq, derivative=_step),
+    Rule("and", tape.AND, 2, "logical_and, &, all", "Whether both are true.",
+         ufuncs="logical_and bitwise_and multiply minimum fmin", truth=True, truths=2, error=None, pieces=True,
+         sign=" and ", binds=1, folded=lambda a, b: bool(a) and bool(b), simpler=_but_for("and", 1.0),
+         derivative=_step),
+    Rule("or", tape.OR, 2, "logical_or, |, any", "Whether one is true.",
+         ufuncs="logical_or bitwise_or add maximum fmax", truth=True, truths=2, error=None, pieces=True,
+         sign=" or ", binds=0, folded=lambda a, b: bool(a) or bool(b), simpler=_but_for("or", 0.0),
+         derivative=_step),
+    Rule("not", tape.NOT, 1, "logical_not, ~", "Whether it is false.",
+         ufuncs="logical_not invert", truth=True, truths=1, error=None, falls=True, pieces=True,
+         folded=operator.not_, derivative=_step),
+    Rule("share", tape.SHARE, 2, "divide", "The quotient, cut to [-1, 1]; 0 where the divisor is 0.",
+         direct=True, pieces=True, sign=" / ", binds=4, derivative=_quotient),
+    Rule("where", tape.WHERE, 3, "where, select",
+         "The second if the first is true, else the third; the other may be NaN.",
+         truths=1, direct=True, chooses=(1, 2), pieces=True, simpler=_where),
+    Rule("gridded", tape.GRIDDED, -1, "sdhj.gridded, interp",
+         "Multilinear interpolation of a table, held at its ends.", pieces=True),
+)}
+# fmt: on
+
+
+def facts(rules: Sequence[Rule]) -> FloatArray:
+    """What the kernels know of operations for intervals: a row for each code, columns as in `sdhj.kernels.tape`."""
+    out = np.zeros((len(rules), tape.FACTS))
+    for rule in rules:
+        share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP
+        zero = TINY if rule.vanishes else 0.0
+        out[rule.code] = rule.falls, rule.absolute, rule.direct, share, zero, rule.least, rule.most
+    out.setflags(write=False)
+    return out
+
+
+FACTS = facts(list(RULES.values()))

@@ -4,7 +4,9 @@ Each line is one node, named by its number, with the numbers of its operands, wh
 hexadecimal, so nothing is rounded. The order follows from the graph alone, so equal graphs have equal texts.
 """
 
+import itertools
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -16,8 +18,7 @@ from sdhj.formulas.rules import RULES
 
 FORMAT = 1
 MOST_LINES = 100_000
-MOST_SHOWN = 400  # characters of a result as mathematics
-TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # how many operands are truth values
+LONG = 120  # characters of mathematics, from which on a part of it gets a line of its own
 CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
 
 
@@ -94,7 +95,7 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
     if op == "power" and not abs(value := int(words.pop())) <= MOST_EXPONENT:
         raise ValueError(f"exponents are whole numbers up to {MOST_EXPONENT}")
     operands = tuple(nodes[_index(word, len(nodes))] for word in words)
-    if not all(one.truth for one in operands[: TRUTHS.get(op, 0)]):
+    if not all(one.truth for one in operands[: RULES[op].truths]):
         raise ValueError(f"{op} needs truth values")
     return interned(op, operands, value)
 
@@ -130,26 +131,23 @@ def _near(one: Any, other: Any) -> bool:
     return one == other or (isinstance(one, float) and math.isclose(one, other, rel_tol=CLOSE))
 
 
-SIGNS = {"add": " + ", "sub": " - ", "div": " / ", "share": " / ", "less": " < ", "lesseq": " <= ", "equal": " = "}
-SIGNS |= {"and": " and ", "or": " or "}
-BINDING = ("or", "and", "less lesseq equal", "add sub", "mul div share neg", "power sqr")  # the loosest first
-RANK = {op: rank for rank, ops in enumerate(BINDING) for op in ops.split()}
-
-
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
-    """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
+    """Results as mathematics, whole; what is used more than once, and is long, gets a letter and a line.
+
+    Where a result is long, its parts get numbers, "[1]", and a line each.
+    """
     order = ordered(outputs)
-    uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
+    uses = Counter(arg for one in order for arg in one.args)
     text: dict[Node, str] = {}
-    letters, lines = iter("abcdefghijklmnopqrs"), []
+    letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
-        whole = op not in RANK or len(text[arg]) == 1  # a letter
-        return text[arg] if whole or RANK[op] >= rank else f"({text[arg]})"
+        binds = -1 if text[arg] in named else RULES[op].binds
+        return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"
 
     for one in order:
-        rank, given = RANK.get(one.op, 0), [text[arg] for arg in one.args]
+        rule, rank, given = RULES[one.op], max(RULES[one.op].binds, 0), [text[arg] for arg in one.args]
         if one.op in ("x", "p"):
             text[one] = (names if one.op == "x" else parameters)[one.value[0]]
         elif one.op == "const":
@@ -158,10 +156,10 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
             a, b = one.args if one.args[1].op != "const" else one.args[::-1]
             second = inside(b, rank + text[b].startswith("-"))
             text[one] = f"{inside(a, rank + (' / ' in text[a]))} {second}"
-        elif one.op in SIGNS:
-            second, sign = inside(one.args[1], rank + (one.op in ("sub", "div", "share"))), SIGNS[one.op]
+        elif rule.sign:
+            second, sign = inside(one.args[1], rank + (one.op in ("sub", "div", "share"))), rule.sign
             if one.op in ("add", "sub") and second.startswith("-"):
-                second, sign = second[1:], SIGNS["sub" if one.op == "add" else "add"]
+                second, sign = second[1:], RULES["sub" if one.op == "add" else "add"].sign
             text[one] = f"{inside(one.args[0], rank)}{sign}{second}"
         elif one.op in ("sqr", "power"):
             text[one] = f"{inside(one.args[0], rank + 1)}^{2 if one.op == 'sqr' else one.value}"
@@ -170,9 +168,11 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
         else:
             bars = one.op == "abs" and "|" not in given[0]
             text[one] = f"|{given[0]}|" if bars else f"{one.op}({', '.join(given)})"
-        if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
-            lines.append(f"{letter} = {text[one]}")
-            text[one] = letter
-        if len(text[one]) > MOST_SHOWN:
-            text[one] = f"{text[one][:MOST_SHOWN]}..."
+        name = next(letters, None) if uses[one] > 1 and len(text[one]) > 12 else None
+        if name is None and len(text[one]) > LONG and uses[one]:
+            name = f"[{next(numbers)}]"
+        if name is not None:
+            lines.append(f"{name} = {text[one]}")
+            named.add(name)
+            text[one] = name
     return [*lines, *(text[one] for one in outputs)]

@@ -17,26 +17,10 @@ import numpy as np
 
 from sdhj.formulas.graph import Node, constant, interned, ordered, rebuilt
 from sdhj.formulas.narrowing import ZERO
+from sdhj.formulas.rules import RULES
 from sdhj.kernels import FloatArray
 
 UNSURE = interned("const", (), -0.0)
-COMPARISONS = ("less", "lesseq", "equal", "and", "or", "not")
-CHOICES = {"max": (0, 1), "min": (0, 1), "where": (1, 2)}  # the operands of which one is the result
-CHOOSING = {*CHOICES, *COMPARISONS, "abs", "floor", "sign", "mod", "share", "gridded", "arctan2"}
-SIGNS_KEPT = {
-    "x",
-    "p",
-    "const",
-    "add",
-    "sub",
-    "mul",
-    "div",
-    "neg",
-    "abs",
-    "sqr",
-    "sqrt",
-    "floor",
-}  # NumPy's signs of zeros
 MOST_CHOSEN = 256  # ways to choose that are tried
 POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
@@ -58,13 +42,14 @@ def signs(one: Node, values: Values) -> set[float]:
     Between its choices a node is smooth, so it is 0 in a region only where it is so at random points, whichever way it
     is chosen. Nothing is said of nodes with more than `MOST_CHOSEN` ways.
     """
-    if one.op != "const" and not any(each.op in CHOOSING for each in ordered([one])):
+    if one.op != "const" and not any(RULES[each.op].pieces for each in ordered([one])):
         return set()
     ways = _ways(one)
     found = values(ways) if len(ways) <= MOST_CHOSEN else np.ones((0, 1))
     zero = found == 0.0
     doubtful = any(
-        row.any() and any(e.op not in SIGNS_KEPT for e in ordered([w])) for w, row in zip(ways, zero, strict=False)
+        row.any() and any("kept" not in RULES[e.op].zeros for e in ordered([w]))
+        for w, row in zip(ways, zero, strict=False)
     )
     return {1.0, -1.0} if doubtful else set(np.copysign(1.0, found[zero]).tolist())
 
@@ -73,9 +58,10 @@ def _ways(one: Node) -> list[Node]:
     """What a node may be, one for each way to choose, neither simplified nor rounded; too many are left out."""
     found = dict[Node, list[Node]]()
     for each in ordered([one]):
-        if each.op in CHOICES:
-            ways = [way for place in CHOICES[each.op] for way in found[each.args[place]]]
-        elif each.op in COMPARISONS:
+        rule = RULES[each.op]
+        if rule.chooses:
+            ways = [way for place in rule.chooses for way in found[each.args[place]]]
+        elif rule.truth:
             ways = [ZERO, constant(1.0)]
         else:
             operands = product(*(found[arg] for arg in each.args))

@@ -2,9 +2,9 @@
 
 Reductions and coefficients are those of fdlibm (Sun Microsystems 1993, netlib.org/fdlibm: k_sin.c, k_cos.c, e_log.c,
 s_atan.c, e_asin.c) and, for tanh, of Cephes (S. Moshier 1984, netlib.org/cephes: tanh.c); exp is a Taylor polynomial.
-NaN, and what lies outside a domain, gives NaN. `ERRORS` has a bound of each one's error, in units in the last place.
-Every loop over these functions vectorises: there are selections in place of branches, and integers are had from the
-bits of floats, as conversions are not in every instruction set.
+NaN, and what lies outside a domain, gives NaN. `sdhj.formulas.rules` has a bound of each one's error, in units in the
+last place. Every loop over these functions vectorises: there are selections in place of branches, and integers are had
+from the bits of floats, as conversions are not in every instruction set.
 """
 
 import math
@@ -13,9 +13,8 @@ import numpy as np
 
 from sdhj.kernels.compiling import inlined
 
-# Units in the last place. fdlibm and Cephes have less than 1 each; here what is left out of the second words of
+# Errors: fdlibm and Cephes have less than one unit in the last place each; here what is left out of the second words of
 # reduced arguments (1 for sin, cos and pow, 2 for tan and the arcs), and quotients, add to it. Tested against Arb.
-ERRORS = dict(sin=3, cos=3, tan=6, exp=2, log=2, arctan=2, arctan2=4, tanh=4, arcsin=4, arccos=4, pow=4, hypot=3)
 TURNS = 2.0**26  # quarter turns; sin, cos and tan beyond it are NaN: an argument of 1e8 has lost half its digits
 LAPS = 2.0**24  # mod beyond it is NaN: its differences would be rounded
 NAN, INF = math.nan, math.inf

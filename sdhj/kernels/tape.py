@@ -14,51 +14,33 @@ from numba import get_num_threads
 
 from sdhj.kernels import FloatArray, elementary, intervals, read_only
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.elementary import ERRORS, INF, NAN
+from sdhj.kernels.elementary import INF, NAN
 from sdhj.kernels.intervals import PI_UP, STEP, TINY, farthest, larger, lesser, nearest
 
-OPERATIONS = tuple(
-    "x p const add sub mul div neg abs sqr sqrt power pow exp log sin cos tan arctan arctan2 tanh arcsin arccos hypot "
-    "min max floor mod sign less lesseq equal and or not share where gridded".split()
-)
-X, P, CONST, ADD, SUB, MUL, DIV, NEG, ABS, SQR, SQRT, POWER, POW, EXP, LOG, SIN, COS, TAN, ARCTAN = range(19)
-ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MIN, MAX, FLOOR, MOD, SIGN, LESS, LESSEQ, EQUAL = range(19, 32)
-AND, OR, NOT, SHARE, WHERE, GRIDDED = range(32, 38)
+# Operations by number, those together that one kernel plays; `sdhj.formulas.rules` has a record of each.
+X, P, CONST, GRIDDED = range(4)
+ADD, SUB, MUL, DIV, NEG, ABS, SQR, SQRT, MIN, MAX, FLOOR, AND, OR = range(4, 17)  # `_arithmetic`
+POWER = 17  # `_power`
+POW, EXP, LOG, SIN, COS, TAN, ARCTAN, ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MOD = range(18, 31)  # `_elementary`
+SIGN, LESS, LESSEQ, EQUAL, NOT, SHARE, WHERE = range(31, 38)  # `_truths`
 
 BLOCK = 128  # points played at a time: rows of all slots stay in the first-level cache
 MANY = 2**23  # numbers in the program times points; fewer are not shared out to threads
 LARGEST = np.finfo(np.float64).max
 
-
-def _which(names: str) -> Any:
-    return np.isin(OPERATIONS, names.split())
-
-
-_BINARY = _which("add sub mul div pow arctan2 hypot min max mod less lesseq equal and or share where")
-_DIRECT = _which("add sub mul div equal share where")  # each has a rule of its own for intervals
-_PLAYED_AS = np.arange(len(OPERATIONS))  # what is the same for values: truths are 0 and 1
-_PLAYED_AS[[SQR, AND, OR]] = MUL, MUL, MAX
-# How intervals follow from values at ends: an operation falls with an operand where there is a 1, and rises elsewhere,
-# or does so with an absolute value. Then the ends move outward, by a share and by what a tiny result, or 0, may be off.
-_FALLS = np.stack([_which("neg not arccos less lesseq"), _which("sub")], axis=1).astype(np.int64)  # obligation 7.16
-_ABSOLUTE = _which("abs sqr hypot")  # obligation 7.17
-_SHARE = np.array([(2 * ERRORS.get(op, 0) + 1) * STEP for op in OPERATIONS])  # obligation 7.22
-_SHARE[_which("neg abs min max floor mod sign less lesseq and or not")] = 0.0
-_TINY = np.where((_SHARE == 0.0) | _which("add sub"), 0.0, TINY)  # sums that are tiny are exact
-_ZERO = np.where(_which("sqr exp pow power arctan2"), TINY, 0.0)
-_RANGES = np.full((len(OPERATIONS), 2), [-INF, INF])
-_RANGES[_which("abs sqr sqrt exp pow hypot arccos"), 0], _RANGES[ARCCOS, 1] = 0.0, PI_UP
-_RANGES[_which("tanh sin cos")], _RANGES[ARCTAN2] = [-1.0, 1.0], [-PI_UP, PI_UP]
-_RANGES[_which("arctan arcsin")] = [-PI_UP / 2, PI_UP / 2]
+# Intervals follow from values at ends: an operation falls with its first operand, or rises, or does so with absolute
+# values. Then the ends move outward, by a share and by what a tiny result, or 0, may be off.
+FALLS, ABSOLUTE, DIRECT, OFF, OFF_ZERO, LEAST, MOST, FACTS = range(8)  # columns of what is known of an operation
 
 
 class Tape(NamedTuple):
     """A formula, ready to be played: seven arrays, `packed`. A result may be in the slot of an operand.
 
-    code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands; of `x` and `p` a is the number of
-    the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many. outputs (K,): slots of the
-    results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first entry in `tables`. value
-    (n,) float64: of `const`; the exponent of `power`. places (G, 12): 6 times lower, 6 times spacing. tables (T,)
+    code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one); of `x`
+    and `p` a is the number of the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many.
+    outputs (K,): slots of the results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first
+    entry in `tables`. value (n,) float64: of `const`; the exponent of `power`. places (G, 12): 6 times lower, 6 times
+    spacing. tables (T,)
     """
 
     ints: FloatArray
@@ -110,7 +92,7 @@ def _arithmetic(op, room, i, j, k, count):
     elif op == SUB:
         for m in range(count):
             out[m] = a[m] - b[m]
-    elif op == MUL:
+    elif op == MUL or op == SQR or op == AND:
         for m in range(count):
             out[m] = a[m] * b[m]
     elif op == DIV:
@@ -128,7 +110,7 @@ def _arithmetic(op, room, i, j, k, count):
     elif op == MIN:
         for m in range(count):
             out[m] = a[m] if (a[m] < b[m]) | (a[m] != a[m]) else b[m]
-    elif op == MAX:
+    elif op == MAX or op == OR:
         for m in range(count):
             out[m] = a[m] if (a[m] > b[m]) | (a[m] != a[m]) else b[m]
     elif op == FLOOR:
@@ -226,12 +208,11 @@ def _truths(op, room, i, j, k, last, count):
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, room, i, j, k, n, last, count):
     """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
-    op = _PLAYED_AS[op]
-    if op < POWER or MIN <= op <= FLOOR:
+    if op < POWER:
         _arithmetic(op, room, i, j, k, count)
     elif op == POWER:
         _power(room, i, n, k, count)
-    elif op <= HYPOT or op == MOD:
+    elif op < SIGN:
         _elementary(op, room, i, j, k, count)
     else:
         _truths(op, room, i, j, k, last, count)
@@ -304,8 +285,7 @@ def play_in_room(tape, points, parameters, out, start, stop, work):
                 _gridded(lookup, there, tables, room, place, room[spare], count, spots)
             else:
                 i, last = place[a], place[code[5 * k + 4]] if op == WHERE else 0
-                j = place[code[5 * k + 3]] if _BINARY[op] else i
-                _values(op, room, i, j, spare, int(value[k]), last, count)
+                _values(op, room, i, place[code[5 * k + 3]], spare, int(value[k]), last, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             for m in range(count):
@@ -350,20 +330,20 @@ def _magnitudes(room, i, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _at_ends(op, room, i, j, k, n, count):
+def _at_ends(op, fact, room, i, j, k, n, count):
     """Row 2 k of `room`, and the next: the values at those ends of the operands where they are extreme.
 
     The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
     """
     work = room.shape[0] // 2 - 2
-    if _ABSOLUTE[op] or (op == POWER and n % 2 == 0):  # obligation 7.18
+    if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
         _magnitudes(room, i, work, count)
         _magnitudes(room, j, work + 1, count)
         i, j = work, work + 1
-    p, q = 1 if op == POWER and n < 0 else _FALLS[op, 0], _FALLS[op, 1]  # obligation 7.15
+    falls = 1 if op == POWER and n < 0 else int(fact[FALLS])  # obligation 7.15
     twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is  # obligation 7.19
     for end in range(4 if twice else 2):
-        first, second = (p ^ end, q ^ end) if end < 2 else (end - 2, 3 - end)
+        first, second = (falls ^ end, end) if end < 2 else (end - 2, 3 - end)
         row = 2 * k + end if end < 2 else 2 * work + end - 2
         _values(op, room, 2 * i + first, 2 * j + second, row, n, row, count)
     if twice:
@@ -373,15 +353,16 @@ def _at_ends(op, room, i, j, k, n, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _outward(op, room, i, j, k, n, count):
+def _outward(op, fact, room, i, j, k, n, count):
     """Intervals from the values at the ends, which are overwritten: outward rounding, and what is between the ends."""
     a, b, out = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2], room[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
             shift = 0.25 if op == SIN else 0.0  # obligation 7.11
             out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
-    share, tiny, zero = _SHARE[op] if op != POWER else (abs(n) + 3.0) * STEP, _TINY[op], _ZERO[op]
-    lowest, highest = _RANGES[op, 0] if op != POWER or n % 2 != 0 else 0.0, _RANGES[op, 1]
+    # obligation 7.22
+    share, tiny = fact[OFF] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[OFF] > 0.0 else 0.0
+    zero, lowest, highest = fact[OFF_ZERO], fact[LEAST] if op != POWER or n % 2 != 0 else 0.0, fact[MOST]
     for m in range(count):
         low, high = intervals.widened(out[0, m], out[1, m], share, tiny, zero)
         out[0, m], out[1, m] = larger(lowest, low), lesser(highest, high)
@@ -479,7 +460,7 @@ def _or_nothing(room, i, j, k, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def play_bounds_part(tape, low, high, ends, out, start, stop):
+def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
     """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
@@ -504,13 +485,13 @@ def play_bounds_part(tape, low, high, ends, out, start, stop):
                 _gridded_bounds(lookups[first], places[first], tables, room, place, result, count)
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
-                j = place[code[k, 3]] if _BINARY[op] else i
-                if _DIRECT[op]:
+                j, fact = place[code[k, 3]], facts[op]
+                if fact[DIRECT] != 0.0:
                     _direct_bounds(op, room, i, j, spare, last, count)
                 else:
-                    _at_ends(op, room, i, j, spare, int(value[k]), count)
-                    _outward(op, room, i, j, spare, int(value[k]), count)
-            if op < ADD or op >= WHERE:
+                    _at_ends(op, fact, room, i, j, spare, int(value[k]), count)
+                    _outward(op, fact, room, i, j, spare, int(value[k]), count)
+            if op < ADD or op == WHERE:
                 i, j = spare, spare
             _or_nothing(room, i, j, spare, count)
             place[slot], spare = spare, place[slot]
@@ -520,12 +501,16 @@ def play_bounds_part(tape, low, high, ends, out, start, stop):
                 out[0, i, at + m], out[1, i, at + m] = room[row, m], room[row + 1, m]
 
 
-def play_bounds(tape: Tape, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray) -> None:
+def play_bounds(
+    tape: Tape, facts: FloatArray, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray
+) -> None:
     """Intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P), into out (2, K, M).
+
+    facts (operations, FACTS): what is known of each operation.
 
     Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
     """
-    arguments = (tuple(tape), low, high, ends, out)
+    arguments = (tuple(tape), facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:
         play_bounds_part(*arguments, 0, len(low))
     else:

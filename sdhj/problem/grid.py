@@ -7,9 +7,9 @@ functions, an intersection the maximum, a complement the negative.
 import math
 import reprlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -47,9 +47,6 @@ class Grid:
         pass and slides along. "safe": a state that leaves is out of danger for good (problems without a target only).
     names : sequence of str, optional
         Axis labels, for plots and files.
-    rim : sequence of (int, int), optional
-        Set by the solver: how many nodes of each axis lie past its lower and its upper safe end, where the games are
-        played on an extended grid (`sdhj.problem.boxes`). Default: none.
 
     Raises
     ------
@@ -76,8 +73,7 @@ class Grid:
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
-    rim: tuple[tuple[int, int], ...] = ()
-    unsaid: ClassVar[bool] = False  # of an object: whether neither `periodic` nor `ends` was given
+    unsaid: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
 
     def __init__(
         self,
@@ -87,12 +83,11 @@ class Grid:
         periodic: Sequence[bool] | None = None,
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
-        rim: Sequence[Any] = (),
     ) -> None:
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
-        self.__dict__["unsaid"] = periodic is None and ends is None
+        object.__setattr__(self, "unsaid", periodic is None and ends is None)
         periodic, ends = [False] * ndim if periodic is None else periodic, ENDS[0] if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
@@ -110,8 +105,7 @@ class Grid:
         if len(pairs) != ndim or not valid:
             shown = reprlib.repr(ends)
             raise ValueError(f"ends must be {', '.join(ENDS)} or a pair of them for each axis, got {shown}")
-        rims = [(int(low), int(high)) for low, high in rim] or [(0, 0)] * ndim
-        checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes, "rim": rims}
+        checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes}
         checked |= {"periodic": map(bool, periodic), "names": map(str, names), "ends": pairs}
         for name, values in checked.items():
             object.__setattr__(self, name, tuple(values))
@@ -154,7 +148,8 @@ class Grid:
     def require_room(self, each: int = 0) -> None:
         """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
         if self.size > SMALL:
-            require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+            what = f"to sample a grid of {' x '.join(map(str, self.shape))} nodes, before any tube,"
+            require(each * self.size or self.sampling_bytes, what)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
         """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
@@ -170,7 +165,7 @@ class Grid:
         past, nodes = np.array(by) * self.spacing, [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
         ends = (np.array(self.lower) - past).tolist(), (np.array(self.upper) + past).tolist()
         wide = Grid(*ends, nodes, self.periodic, self.names, "wall")
-        wide.__dict__["spacing"] = self.spacing
+        object.__setattr__(wide, "spacing", self.spacing)  # to the bit
         return wide
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
@@ -182,13 +177,31 @@ class Grid:
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""
-        if tuple(axes) not in (known := self.__dict__.setdefault("_subgrids", {})):
-            known[tuple(axes)] = self._subgrid(axes)
-        return known[tuple(axes)]
+        if tuple(axes) not in self._subgrids:
+            self._subgrids[tuple(axes)] = self._subgrid(axes)
+        return self._subgrids[tuple(axes)]
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        fields = ("lower", "upper", "shape", "periodic", "names", "ends", "rim")
-        return Grid(*([getattr(self, one)[axis] for axis in axes] for one in fields))
+        lower, upper, shape, periodic, names, ends, rim = ([one[axis] for axis in axes] for one in self._by_axis)
+        plain = Grid(lower, upper, shape, periodic, names, ends)
+        return Rimmed(plain, rim) if np.any(rim) else plain
+
+    @property
+    def _by_axis(self) -> tuple[Sequence[Any], ...]:
+        return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.rim
+
+    @cached_property
+    def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
+        return {}
+
+    @cached_property
+    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        return {}
+
+    @property
+    def rim(self) -> tuple[tuple[int, int], ...]:
+        """How many nodes of each axis lie past its lower and its upper safe end: see `Rimmed`."""
+        return ((0, 0),) * self.ndim
 
     @property
     def inner(self) -> tuple[slice, ...]:
@@ -241,7 +254,7 @@ class Grid:
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""
-        if kinds not in (known := self.__dict__.setdefault("_faces", {})):
+        if kinds not in (known := self._faces):
             such = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
             past = np.array(self.rim).T * self.spacing
             low = np.where(such[:, 0], self.lower + past[0], -np.inf)
@@ -294,6 +307,24 @@ class Grid:
 
 
 @dataclass(frozen=True, init=False)
+class Rimmed(Grid):
+    """A grid of which some nodes lie past safe ends, so that games are played there (`sdhj.problem.boxes`).
+
+    over : how many, of each axis, past its lower and its upper end.
+    """
+
+    over: tuple[tuple[int, int], ...] = ()
+
+    def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
+        super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
+        object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
+
+    @property
+    def rim(self) -> tuple[tuple[int, int], ...]:
+        return self.over
+
+
+@dataclass(frozen=True, init=False)
 class Window(Grid):
     """Consecutive nodes of each axis of a grid, on which functions are sampled and games are played as on the grid.
 
@@ -305,12 +336,15 @@ class Window(Grid):
     first: tuple[int, ...] = ()  # the window's first node on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
-        for name in ("lower", "upper", "periodic", "names", "ends", "rim"):
+        for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
         object.__setattr__(self, "whole", whole)
         object.__setattr__(self, "first", tuple(first))
-        self.__dict__["spacing"] = whole.spacing
+
+    @property
+    def rim(self) -> tuple[tuple[int, int], ...]:
+        return tuple(self.whole.rim)
 
     def places(self, axis: int) -> FloatArray:
         """Indices that the window's nodes on one axis have in the whole grid, (shape[axis],)."""

@@ -5,7 +5,7 @@ controller looks ahead, and the plant that the simulation integrates.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import product
 from typing import Any
@@ -39,14 +39,14 @@ class Velocities:
     drift: FloatArray | None = None
     gain: FloatArray | None = None
     shape: tuple[int, ...] = ()
+    terms: dict[Any, Any] | None = field(default=None, repr=False)  # what is made of them for the kernels, if kept
 
     def __post_init__(self) -> None:
         read_only((self.low, self.high, self.drift, self.gain))
 
     def kept(self) -> "Velocities":
-        """These velocities, which keep what is made of them for the kernels in `_terms`, by the layout."""
-        self.__dict__.setdefault("_terms", {})
-        return self
+        """The same velocities, which keep what is made of them for the kernels, by the layout."""
+        return self if self.terms is not None else replace(self, terms={})
 
     @property
     def coupled(self) -> bool:
@@ -105,6 +105,7 @@ class Interval:
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
     wider: FloatArray | float = 0.0  # (ndim,), by how much boxes of what is reachable are widened
+    whole: "Interval | None" = None  # of a window of a grid: that on all of it
 
     @property
     def end(self) -> float:
@@ -305,15 +306,15 @@ class Interval:
     @kept
     def speeds(self) -> FloatArray:
         """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
+        if self.whole is not None:
+            return self.whole.speeds
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
         ends = [self.ends_at_nodes(j, t) for j, t in product(range(len(self.dynamics.inputs)), instants.tolist())]
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
     def on(self, grid: Grid) -> "Interval":
         """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
-        part = replace(self, grid=grid)
-        part.__dict__["speeds"] = self.speeds
-        return part
+        return replace(self, grid=grid, whole=self)
 
     def closed(self, axes: Iterable[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""

@@ -1,7 +1,7 @@
 """A problem on its grid: level-set functions of targets and unsafe sets at its nodes, and at any state."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, Self
@@ -12,7 +12,8 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.checks import number, points_array
-from sdhj.problem.grid import Grid, Window
+from sdhj.problem.grid import Grid, Rimmed, Window
+from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
@@ -34,7 +35,7 @@ class Sampled(Statement):
             return self
         past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
         ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
-        wide = Grid(*ends, nodes, grid.periodic, grid.names, grid.ends, rim.tolist())
+        wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), rim.tolist())
 
         def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
             ends, swept = grid.subgrid(part.axes).faces("safe"), part.swept
@@ -43,19 +44,14 @@ class Sampled(Statement):
         dynamics = self.dynamics.clipped(*grid.faces("safe"))
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
-    def on(self, grid: Grid) -> Self:
+    def on(self, grid: Grid) -> "Sampled":
         """The problem on a window of its grid; properties of the whole grid keep their values."""
         if grid is self.grid:
             return self
-        part = object.__new__(type(self))  # its functions have been checked
-        kept = {one.name for one in fields(self)} | {"half_widths", "spread"}
-        part.__dict__.update({name: one for name, one in vars(self).items() if name in kept})
-        part.__dict__.update(grid=grid, _intervals={}, _static={})
-        if not (self.dynamics.timed or self.dynamics.stateless):
-            part._intervals[0] = self.interval(0).on(grid)
-        return part
+        known = {one.name: getattr(self, one.name) for one in fields(Statement) if one.init}
+        return OnWindow(**known | {"grid": grid}, whole=self)
 
-    def pieces(self) -> Iterator[Self]:
+    def pieces(self) -> "Iterator[Sampled]":
         """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
         return map(self.on, self.grid.pieces())
 
@@ -155,3 +151,25 @@ class Sampled(Statement):
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
         return lost if within or self.stays else lost | (self.target_value(points, t) > 0.0)
+
+
+@dataclass(frozen=True)
+class OnWindow(Sampled):
+    """A problem on a window of its grid; its functions have been checked, on all of it."""
+
+    whole: Sampled = field(kw_only=True)
+
+    @property
+    def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        return self.whole.half_widths
+
+    @property
+    def spread(self) -> FloatArray:
+        return self.whole.spread
+
+    def interval(self, step: int) -> Interval:
+        if self.dynamics.timed or self.dynamics.stateless:
+            return super().interval(step)
+        if 0 not in self._intervals:
+            self._intervals[0] = self.whole.interval(0).on(self.grid)
+        return self._intervals[0]

@@ -7,6 +7,7 @@ the robot's state, its table, and the input it has chosen for the interval.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from sdhj.table.batches import Table
 SUBSTEPS = 20  # parts of an interval: the adversary decides at the start of each, collisions are checked at its end
 TURNS = 5  # of an interval: how often the greedy adversary decides
 STRIDES = 3  # in which it looks ahead
+LOST = np.finfo(np.float64).max  # worse than any level-set value
 RECKLESS = 5  # intervals for which a reckless commander looks ahead, twice in each
 
 
@@ -220,10 +222,91 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
     return out
 
 
-ADVERSARIES: dict[str, Adversary] = {
-    "none": none,
-    "random": random,
-    "aggressive": aggressive,
-    "worst": worst,
-    "greedy": greedy,
+# ---- with measurements: how they mislead, and when inputs start
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What an adversary sees before it chooses the measurement errors of M runs."""
+
+    problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
+    states: FloatArray  # (M, ndim), the current state of each run
+    box: FloatArray  # (ndim,), the bounds on the measurement error
+    step: int  # that the measurement is for
+    starting: FloatArray  # (M, ndim), each state when the next input starts, without a disturbance
+    # of errors (M, ndim): the inputs that the controller would choose, and steps to go, both (M,); -1 for no answer
+    ask: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    # of points (M, ndim) and steps to go (M,): level-set values (M,) of the tube of predictions, one step later
+    tube: Callable[[FloatArray, FloatArray], FloatArray]
+    rng: np.random.Generator
+
+
+def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
+    """Where states may be a time span (M,) later, at each vertex of the disturbance box: (vertices, M, ndim)."""
+    interval = seen.problem.interval(seen.step)
+    push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
+    return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
+
+
+def mislead_worst(sight: Sight) -> FloatArray:
+    """The measurement error, a vertex of the box or 0, for which the controller's input is worst for the true state."""
+    problem, count = sight.problem, len(sight.states)
+    vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
+    best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
+    t, span = problem.time(sight.step), np.full(count, problem.delta)
+    for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
+        errors = np.tile(vertex, (count, 1))
+        inputs, to_go = sight.ask(errors)
+        ends = pushed(sight, sight.starting, np.maximum(inputs, 0), t, span)
+        score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
+        score = np.where(inputs < 0, LOST, score)
+        best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
+    return best
+
+
+def shift_worst(moment: Moment) -> FloatArray:
+    """The end of the interval, of the three, at which the adversary can push the state farthest out of its tube."""
+    scores = []
+    for late in (-1, 0, 1):
+        span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
+        ends = pushed(moment, moment.states, moment.inputs, moment.time, span)
+        scores.append(moment.tube(np.moveaxis(ends, 0, 1)).max(axis=1))
+    return np.argmax(scores, axis=0) - 1
+
+
+# ---- the records
+
+
+@dataclass(frozen=True)
+class BuiltIn:
+    """An adversary that has a name: its three choices. Without `Sensing` it makes the first alone."""
+
+    name: str
+    push: Adversary  # the disturbances (M, D)
+    mislead: Callable[[Sight], FloatArray]  # the errors of measurements (M, ndim)
+    shift: Callable[[Moment], FloatArray]  # -1, 0 or 1 (M,): the next input starts early, on time or late
+
+    def __call__(self, moment: Moment) -> FloatArray:
+        return self.push(moment)
+
+
+ADVERSARIES = {
+    one.name: one
+    for one in (
+        BuiltIn(
+            "none",
+            none,
+            lambda sight: np.zeros_like(sight.states),
+            lambda moment: np.zeros(len(moment.states), np.int64),
+        ),
+        BuiltIn(
+            "random",
+            random,
+            lambda sight: sight.rng.uniform(-sight.box, sight.box, sight.states.shape),
+            lambda moment: moment.rng.integers(-1, 2, len(moment.states)),
+        ),
+        BuiltIn("aggressive", aggressive, mislead_worst, shift_worst),
+        BuiltIn("worst", worst, mislead_worst, shift_worst),
+        BuiltIn("greedy", greedy, mislead_worst, shift_worst),
+    )
 }

@@ -29,7 +29,7 @@ FILTERED = 20_000  # states ahead for which a commander looks at what comes near
 NEARLY_EMPTY = 1e-4  # a tube that holds a smaller share of the state space is called empty
 EMPTIED_STATES = 20_000  # states at which an empty tube is looked into
 MOST_CORNERS = 2**23  # numbers
-FEW = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
+FEW_OUTSIDE = 30  # states: from fewer outside the target nothing is concluded; .04 have none if a tenth of all leads in
 HOPELESS = (
     "From none of the states drawn outside the target does an input lead into it whatever the disturbance does, so "
     "what is promised there is the error of the grid, with any number of nodes. What helps: stronger inputs, a smaller "
@@ -77,7 +77,7 @@ class Played:
 class Commanded(Controller):
     """A controller that answers with what the filter makes of a reckless commander."""
 
-    def choose(self, batch: Batch) -> FloatArray:
+    def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
 
     def wanted(self, batch: Batch) -> FloatArray:
@@ -121,7 +121,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
     left_it = int(outside[lost].sum())
     advice = ""
     if ways:
-        hopeless = left_it > 0 and outside.sum() >= FEW and not _leads_in(problem, starts[outside])
+        hopeless = left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _leads_in(problem, starts[outside])
         advice = HOPELESS if hopeless else _advice(table, ways, runs)
     return Played(runs, len(lost), named(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
 

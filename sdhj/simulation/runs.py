@@ -292,7 +292,10 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
 
 
 def named(option: object) -> str:
-    return option if isinstance(option, str) else getattr(option, "__name__", type(option).__name__)
+    """How an option is called that is a name, a function or an object."""
+    if isinstance(option, str):
+        return option
+    return str(getattr(option, "name", getattr(option, "__name__", type(option).__name__)))
 
 
 def check_controller(given: Any) -> None:

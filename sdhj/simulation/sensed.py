@@ -7,88 +7,21 @@ run counts as reached only when the prediction has no steps to go and the state 
 
 An adversary that is a plain function of a `Moment` chooses the disturbance only. An adversary may also have the methods
 `mislead(sight)`, which returns the errors (M, ndim), and `shift(moment)`, which returns for each run (M,) -1, 0 or 1:
-the next input starts early, on time or late, by the full jitter. The built-in adversaries take them from `MISLEAD` and
-`SHIFTING`; functions without these methods use those of "worst".
+the next input starts early, on time or late, by the full jitter. Functions without these methods use those of "worst".
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import real_array, sealed
-from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, at_vertices, first_moment
+from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, Sight, first_moment
 from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
 from sdhj.table.beside import predicted
 from sdhj.table.controller import Controller
-
-LOST = np.finfo(np.float64).max  # worse than any level-set value
-
-
-@dataclass(frozen=True)
-class Sight:
-    """What an adversary sees before it chooses the measurement errors of M runs."""
-
-    problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
-    states: FloatArray  # (M, ndim), the current state of each run
-    box: FloatArray  # (ndim,), the bounds on the measurement error
-    step: int  # that the measurement is for
-    starting: FloatArray  # (M, ndim), each state when the next input starts, without a disturbance
-    # of errors (M, ndim): the inputs that the controller would choose, and steps to go, both (M,); -1 for no answer
-    ask: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    # of points (M, ndim) and steps to go (M,): level-set values (M,) of the tube of predictions, one step later
-    tube: Callable[[FloatArray, FloatArray], FloatArray]
-    rng: np.random.Generator
-
-
-def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
-    """Where states may be a time span (M,) later, at each vertex of the disturbance box: (vertices, M, ndim)."""
-    interval = seen.problem.interval(seen.step)
-    push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
-    return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
-
-
-def mislead_worst(sight: Sight) -> FloatArray:
-    """The measurement error, a vertex of the box or 0, for which the controller's input is worst for the true state."""
-    problem, count = sight.problem, len(sight.states)
-    vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
-    best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
-    t, span = problem.time(sight.step), np.full(count, problem.delta)
-    for vertex in np.concatenate([np.zeros((1, len(sight.box))), vertices]):
-        errors = np.tile(vertex, (count, 1))
-        inputs, to_go = sight.ask(errors)
-        ends = pushed(sight, sight.starting, np.maximum(inputs, 0), t, span)
-        score = np.max([sight.tube(end, np.maximum(to_go, 1) - 1) for end in ends], axis=0)
-        score = np.where(inputs < 0, LOST, score)
-        best, worst = np.where((score > worst)[:, None], errors, best), np.maximum(worst, score)
-    return best
-
-
-def shift_worst(moment: Moment) -> FloatArray:
-    """The end of the interval, of the three, at which the adversary can push the state farthest out of its tube."""
-    scores = []
-    for late in (-1, 0, 1):
-        span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)
-        ends = pushed(moment, moment.states, moment.inputs, moment.time, span)
-        scores.append(moment.tube(np.moveaxis(ends, 0, 1)).max(axis=1))
-    return np.argmax(scores, axis=0) - 1
-
-
-MISLEAD: dict[str, Callable[[Sight], FloatArray]] = {
-    "none": lambda sight: np.zeros_like(sight.states),
-    "random": lambda sight: sight.rng.uniform(-sight.box, sight.box, sight.states.shape),
-    "worst": mislead_worst,
-}
-SHIFTING: dict[str, Callable[[Moment], FloatArray]] = {
-    "none": lambda moment: np.zeros(len(moment.states), np.int64),
-    "random": lambda moment: moment.rng.integers(-1, 2, len(moment.states)),
-    "worst": shift_worst,
-}
 
 
 class _Runs:
@@ -106,18 +39,18 @@ class _Runs:
     ) -> None:
         self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
         self.watch = watch
-        name = next((name for name, other in ADVERSARIES.items() if other is play and name in MISLEAD), "worst")
-        self.mislead = getattr(play, "mislead", MISLEAD[name])
-        self.shift = getattr(play, "shift", SHIFTING[name])
+        self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
+        self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
         self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
         same = sensing == controller.problem.sensing
         self.remembers = controller.problem.sensing.memory
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)
+        self.held = np.full(count, -1)  # the inputs before
         self.predictions = self.states  # the same array: nothing is measured without sensing
         if sensing:
-            self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (name != "none")
+            self.offsets = rng.integers(-1, 2, count) * (sensing.jitter > 0) * (play is not ADVERSARIES["none"])
             self.predictions = self.measured(0, starts, self.taken, self.problem.half_widths[0])
 
     def measured(
@@ -143,7 +76,8 @@ class _Runs:
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
             batch = self.controller.batch(predict(off), step)
-            return (batch.steps_to_go if last else self.controller.choose(batch)), batch.steps_to_go
+            chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
+            return chosen, batch.steps_to_go
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
@@ -179,7 +113,7 @@ class _Runs:
         if last or not alive.size:
             return
         batch = self.controller.batch(self.predictions[alive], step)
-        inputs = self.controller.choose(batch)
+        inputs = self.controller.choose(batch, self.held[alive])
         self.outcomes[alive[inputs < 0]] = LEFT
         rows, to_go, inputs = alive[inputs >= 0], batch.steps_to_go[inputs >= 0], inputs[inputs >= 0]
         ends = np.zeros(rows.size, np.int64)
@@ -210,7 +144,7 @@ class _Runs:
             later = replace(begun, states=states, previous=v, **rest)
             states, then, _ = play_interval(later, self.play, self.watch, range(SUBSTEPS - after, SUBSTEPS))
             ended = np.where(ended == UNDECIDED, then, ended)
-        self.states[rows], self.outcomes[rows], self.offsets[rows] = states, ended, ends
+        self.states[rows], self.outcomes[rows], self.offsets[rows], self.held[rows] = states, ended, ends, inputs
         self.taken[rows] += 1
         on = ended == UNDECIDED
         if sensing and on.any():

@@ -12,7 +12,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.findings import Finding
-from sdhj.problem.grid import Grid
+from sdhj.problem.grid import Grid, Rimmed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
@@ -89,16 +89,16 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         (a + more * (i == place and ends[i][0] == "safe"), b + more * (i == place and ends[i][1] == "safe"))
         for i, (a, b) in enumerate(grid.rim)
     ]
+    longer = Grid(
+        (np.array(grid.lower) - widened * grid.spacing).tolist(),
+        (np.array(grid.upper) + widened * grid.spacing).tolist(),
+        [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
+        grid.periodic,
+        grid.names,
+        ends,
+    )
     wide = ReachAvoidProblem(
-        grid=Grid(
-            (np.array(grid.lower) - widened * grid.spacing).tolist(),
-            (np.array(grid.upper) + widened * grid.spacing).tolist(),
-            [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
-            grid.periodic,
-            grid.names,
-            ends,
-            rim,
-        ),
+        grid=Rimmed(longer, rim) if np.any(rim) else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

@@ -73,7 +73,7 @@ class HJI(Options):
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.scheme.dtype, self.options, former)
+        return GridSets(problem, self, former)
 
 
 @dataclass(frozen=True)
@@ -115,28 +115,4 @@ class HopfLax(Options):
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        return GridSets(problem, self.name, self.on, self.dtype, self.options, former)
-
-
-METHODS: dict[str, Any] = {  # by name; `sdhj.solving` adds those of higher layers
-    "hji": HJI,
-    "lax": HopfLax,
-}
-
-
-def method_of(method: str | Method) -> Method:
-    """The method with a name and default options; an object that is a method is returned as it is.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
-    if isinstance(method, str) and method in METHODS:
-        made: Method = METHODS[method]()
-        return made
-    if isinstance(method, str | type) or not callable(getattr(method, "sets", None)) or not hasattr(method, "name"):
-        raise ValueError(
-            f"method must be one of {', '.join(METHODS)}, or an object such as sdhj.HJI(scheme=...), got {method!r}"
-        )
-    return method
+        return GridSets(problem, self, former)

@@ -25,7 +25,7 @@ import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.problem.uncertain import shrunk
-from sdhj.solver.games import Axes, HJIGames, HopfLaxGames, Pieces, Wall, united
+from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, Pieces, Wall, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
 from sdhj.table.table import LookupTable
@@ -345,11 +345,19 @@ class Projected(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
-        dtype = self.inner.dtype if isinstance(self.inner, HopfLax) else self.inner.scheme.dtype
+        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.rimmed))
 
-        def games(played: ReachAvoidProblem) -> ProjectedGames | HJIGames | HopfLaxGames:
-            if played is not problem.rimmed:  # the ends of an axis, on the few axes that it needs
-                return self.inner.on(played)
-            return ProjectedGames(played, lambda axes: self.inner.on(played, axes), subspaces)
 
-        return ProjectedSets(problem, self.name, games, dtype, options)
+class OnSubspaces(NamedTuple):
+    """The method on the subspaces of a problem, for `GridSets`."""
+
+    name: str
+    options: dict[str, Any]
+    inner: HJI | HopfLax
+    subspaces: tuple[Axes, ...]
+    problem: ReachAvoidProblem
+
+    def on(self, problem: ReachAvoidProblem) -> Games:
+        if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
+            return self.inner.on(problem)
+        return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), self.subspaces)

@@ -12,7 +12,7 @@ clear for one step and leads into the entry (k + 1, n - 1). S_k^{i+1} is not uni
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -366,27 +366,38 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
     return [np.ascontiguousarray(total[(slice(None), *inner)])], felt
 
 
+class GridMethod(Protocol):
+    """A method that plays its games on the grid; `options` are for the details of the table, "dtype" for its arrays."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def options(self) -> Mapping[str, Any]: ...
+
+    def on(self, problem: ReachAvoidProblem) -> Games: ...
+
+
+class Slabs(NamedTuple):
+    """How a solve is cut into slabs, where these come from and go to, and who works on them."""
+
+    plan: Plan
+    arrays: Any = None  # by default in memory
+    run: Callable[[list[Task]], Iterable[Any]] | None = None  # yields what `work` returns of tasks, in any order
+    tick: Callable[[int], Any] = lambda slabs: None  # gets how many slabs are done, each time that some are
+
+
 class GridSets:
     """S_k as level-set functions on the grid: `Sets` for every method that plays its games there.
 
     Parameters
     ----------
     problem : ReachAvoidProblem
-    method : str
-        Name of the method, for the table.
-    games : callable (problem) -> Games
-        Creates the games; called after the check of memory.
-    dtype : {"float32", "float64"}
-    options : mapping
-        The method's options, for the table's details.
+    method : GridMethod
     former : Former, optional
         An earlier solve, of which what cannot differ is copied.
-    plan, arrays : Plan, Arrays
-        How the grid is cut into slabs, and where these come from and go to; by default one slab, in memory.
-    run : callable (tasks) -> iterable
-        What yields what `work` returns of tasks, in any order; by default one after the other, here.
-    tick : callable (slabs)
-        Gets how many slabs are done, each time that some are.
+    slabs : Slabs, optional
+        How the grid is cut, where arrays lie and who works; by default one slab, in memory, here.
 
     Raises
     ------
@@ -397,25 +408,20 @@ class GridSets:
     def __init__(
         self,
         problem: ReachAvoidProblem,
-        method: str,
-        games: Callable[..., Games],
-        dtype: str = "float32",
-        options: Mapping[str, Any] | None = None,
+        method: GridMethod,
         former: Former | None = None,
-        plan: Plan | None = None,
-        arrays: Any = None,
-        run: Callable[[list[Task]], Iterable[Any]] | None = None,
-        tick: Callable[[int], Any] = lambda slabs: None,
+        slabs: "Slabs | None" = None,
     ) -> None:
-        self.problem, self.options, self.timeless, self.tick = problem, dict(options or {}), problem.timeless, tick
-        if plan is None:
-            plan = self._in_memory(problem, games, dtype, former)
-        self.plan, self.arrays = plan, Memory(plan.layout) if arrays is None else arrays
+        self.problem, self.options, self.timeless = problem, dict(method.options), problem.timeless
+        slabs = slabs or Slabs(self._in_memory(problem, method, former))
+        plan, self.tick = slabs.plan, slabs.tick
+        self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
         patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
         self.former = former if patches else None
-        self.run = run  # none of its own, which would know `self`: the table would stay until garbage is collected
+        # none of its own, which would know `self`: the table would stay until garbage is collected
+        self.run = slabs.run
         self._avoid_tubes()
-        self.table = self.arrays.table(problem, method, LookupTable.places(problem))
+        self.table = self.arrays.table(problem, method.name, LookupTable.places(problem))
         self.shared, self.filled, self.changing = 0, 0, 1.0
         self.shares: dict[int, float] = {}  # of the state space, without a number of steps
         self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
@@ -426,14 +432,15 @@ class GridSets:
         return self.plan.whole
 
     @staticmethod
-    def _in_memory(problem: ReachAvoidProblem, games: Callable[..., Games], dtype: str, former: Former | None) -> Plan:
+    def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
         """The plan of one slab, after the check of memory."""
+        dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
         require(needed, "this solve", f"it has {why}; use {remedies}")
-        plan = Plan(problem, games, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
+        plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem)
         return plan

@@ -202,7 +202,7 @@ def _field(
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
     """Velocities as `stage` reads them."""
-    if (terms := vars(velocities).get("_terms")) is None:
+    if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
         known = terms[id(layout), dtype] = layout, _arranged(grid, layout, velocities, dtype)

@@ -163,11 +163,12 @@ class Controller:
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
-    def select(self, q: FloatArray, step: int | None = None) -> int:
+    def select(self, q: FloatArray, step: int | None = None, before: int | None = None) -> int:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`.
+        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`;
+        `before` is the input held until now, an index, which a rule may heed; -1 if there is none.
 
         Returns
         -------
@@ -186,7 +187,9 @@ class Controller:
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-        chosen = int(self.choose(batch)[0])
+        most = len(self.problem.inputs) - 1
+        held = None if before is None else np.array([whole("before", before, least=-1, most=most)])
+        chosen = int(self.choose(batch, held)[0])
         if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
             raise NotAdmissible(
                 f"state {batch.states[0].tolist()} is in the target at step {step}, and no input is proved to bring it "
@@ -331,6 +334,7 @@ class Controller:
             or k != (last.step if last else -1) + 1
         )
         step, previous = 0 if problem.timeless else k, last.input if last else None
+        held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         if problem.sensing.memory and last and not missed and self.carried:
             kept, lost = self.table.carried_on(
@@ -344,7 +348,7 @@ class Controller:
             batch = self.batch(state[None], step)
         if step == steps:
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-        chosen, to_go = int(self.choose(batch)[0]), int(batch.steps_to_go[0])
+        chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
         if chosen == NOT_ADMISSIBLE:
             chosen = self.fallback(state, step).input if fallback else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
@@ -454,17 +458,20 @@ class Controller:
             overruled = np.bool_(distances[0, chosen] > distances[0, least])
         return Filtered(chosen, inputs[chosen], changed, overruled, np.True_, np.False_)
 
-    def choose(self, batch: Batch) -> FloatArray:
+    def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
-        It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`.
+        It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`. `before` (M,)
+        are the inputs held until now, -1 where none is known, as by default: `Candidates.before`.
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()
         if self.table.proved and isinstance(self.rule, str):
             return self.table.chosen(batch, self.rule)
         scores = np.zeros(batch.safe.shape)
-        scores[batch.safe] = self._scores(Candidates(self.problem, batch, *np.nonzero(batch.safe)))
+        rows, inputs = np.nonzero(batch.safe)
+        held = np.full(len(rows), -1) if before is None else np.asarray(before)[rows]
+        scores[batch.safe] = self._scores(Candidates(self.problem, batch, rows, inputs, held))
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:

@@ -23,6 +23,8 @@ class Candidates:
         Index of the state in the batch, and of the input in problem.inputs.
     states : (P, ndim) array
     steps_to_go : (P,) int array
+    before : (P,) int array
+        Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
     margins : (P,) array
         As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
     successors : (P, ndim) array
@@ -33,6 +35,7 @@ class Candidates:
     batch: Batch
     rows: FloatArray  # (P,) int, the index of the state in the batch
     inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
+    before: FloatArray  # (P,) int, the index of the input that is held until now, -1 where none is known
 
     @property
     def step(self) -> int:

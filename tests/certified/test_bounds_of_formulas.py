@@ -147,7 +147,7 @@ def problem_with(function):
     )
 
 
-@pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
+@pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 @pytest.mark.parametrize("name", sorted(awkward.FUNCTIONS.keys() - set(awkward.MIXED)))
 def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, rng):
     """Bounds hold at every sample, and neither method promises a state that is in the set."""

@@ -14,7 +14,9 @@ import pytest
 import toys
 
 import sdhj
+from sdhj.certified.check import verify
 from sdhj.certified.export import FIELDS, STATUS
+from sdhj.simulation.runs import admissible_states
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
 STRICT = ["-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-pedantic", "-Werror"]
@@ -26,6 +28,12 @@ def many_inputs():
     angles = np.arange(64) * 2 * np.pi / 64
     inputs = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angles), np.sin(angles)], axis=1)]).round(3)
     return digest_cases.plane(*digest_cases.thin("nodes").unsafe[:1]), inputs
+
+
+def lattice_inputs(side):
+    """All velocities on a lattice of `side` by `side`: more than 256, which one byte would number."""
+    speeds = np.linspace(-1, 1, side)
+    return many_inputs()[0], np.stack(np.meshgrid(speeds, speeds), axis=-1).reshape(-1, 2)
 
 
 def with_inputs(problem, inputs):
@@ -56,6 +64,7 @@ CASES = {
     "standing": (forged_robots.standing, sdhj.Certified(cells=(40, 10), parts=2)),
     "car": (toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),
+    "289 inputs": (lambda: with_inputs(*lattice_inputs(17)), sdhj.Certified(cells=(40, 30), parts=2)),
     "for ever": (
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
@@ -138,6 +147,20 @@ def test_c_answers_as_python_does_in_a_million_states(exported, name):
     table, c = solved(name), exported(name)
     for seed in range(100):
         assert_alike(table, c, states_of(table, 10_000, seed + 1), 0 if table.problem.timeless else seed % table.steps)
+
+
+@pytest.mark.slow
+def test_a_thousand_inputs_are_solved_certified_verified_and_exported(tmp_path):
+    """32 x 32 inputs: the file is proved, C answers alike, and inputs past the 256th are chosen."""
+    problem = with_inputs(*lattice_inputs(32))
+    table = sdhj.solve(problem, sdhj.Certified(cells=(24, 18), parts=2), progress=False)
+    table.save(tmp_path / "table.h5")
+    assert verify(tmp_path / "table.h5", progress=False).ok
+    c = sdhj.export_c(table, tmp_path / "c", progress=False)
+    assert_alike(table, c, states_of(table, 300), 0)
+    controller = sdhj.Controller(sdhj.solve(problem, progress=False))
+    chosen = controller.batch(admissible_states(controller, 1000, np.random.default_rng(0)), 0).best
+    assert chosen.min() >= 0 and chosen.max() > 255
 
 
 @pytest.mark.parametrize("rule", ["effort", "target", "clearance"])

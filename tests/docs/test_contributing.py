@@ -48,7 +48,7 @@ def run(arguments: list[str], folder: Path, **environment: str) -> str:
 
 def test_every_heading_has_code() -> None:
     sections = re.split(r"^## ", TEXT, flags=re.MULTILINE)[1:]
-    assert len(sections) == 8
+    assert len(sections) == 9
     assert all("```" in section for section in sections)
 
 
@@ -63,6 +63,44 @@ def test_the_rule_goes_as_far_to_the_right_as_is_safe(names: dict[str, Any]) -> 
         assert batch.safe[row, chosen[row]]
         assert problem.inputs[chosen[row], 0] == problem.inputs[batch.safe[row], 0].max()
     assert controller.select(states[rows[0]], 0) == chosen[rows[0]]
+
+
+def test_the_steady_rule_changes_the_input_less(names: dict[str, Any]) -> None:
+    """In simulated runs, in single queries, and in a control loop: each hands it the input before."""
+    problem, table = names["problem"], names["table"]
+    seen = list[int]()
+
+    def watched(candidates: Any) -> Any:
+        seen.extend(candidates.before.tolist())
+        return names["steady"](candidates)
+
+    def changes(rule: Any) -> int:
+        controller, total = sdhj.Controller(table, rule), 0
+        inside = problem.grid.points()[table.values(start=0, within=8).ravel() < -0.2]
+        for start in inside[::8]:
+            inputs = sdhj.simulate(controller, start, "worst", seed=0).inputs
+            total += int(np.count_nonzero(np.diff(inputs)))
+        return total
+
+    assert changes(watched) < changes("deepest") and min(seen) == -1 and max(seen) > 0
+    states = problem.grid.points()[::7]
+    batch = sdhj.Controller(table).batch(states, 0)
+    row = int(np.flatnonzero((batch.safe.sum(axis=1) >= 2) & batch.promised)[0])
+    controller = sdhj.Controller(table, names["steady"])
+    for j in np.flatnonzero(controller.checked(batch)[row]).tolist():
+        assert controller.select(states[row], 0, before=j) == j
+    first = controller.step(states[row], 0.0).input
+    again = controller.step(states[row], problem.delta)
+    assert again.input == first or first not in controller.safe_inputs(states[row], 1)
+    with pytest.raises(ValueError, match="before must be"):
+        controller.select(states[row], 0, before=len(problem.inputs))
+
+
+def test_the_new_numpy_function_is_read_and_bounded(names: dict[str, Any]) -> None:
+    wall, x = names["bent_wall"].level_set, np.linspace(-3.0, 3.0, 61)[:, None]
+    np.testing.assert_allclose(wall(x, 0.0), np.arcsinh(x[:, 0]) - 1.0, rtol=0, atol=1e-14)
+    low, high = wall.bounds(x - 0.01, x + 0.01, (0.0, 0.0))
+    assert (low <= np.arcsinh(x[:, 0]) - 1.0).all() and (np.arcsinh(x[:, 0]) - 1.0 <= high).all()
 
 
 def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:

@@ -11,12 +11,12 @@ from sdhj import outofcore
 from sdhj.outofcore import planned
 from sdhj.problem import grid as grid_module
 from sdhj.solver.avoid import dangers
-from sdhj.solver.methods import method_of
-from sdhj.solver.recursion import GridSets, recursion
+from sdhj.solver.recursion import GridSets, Slabs, recursion
 from sdhj.solver.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
+from sdhj.solving import method_of
 from sdhj.table.store import Memory
 
-pytestmark = pytest.mark.filterwarnings("ignore::sdhj.solver.resolution.ResolutionWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
 ROUGHEST = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler", frame="fixed"))
 ROUGH = sdhj.HJI(scheme=sdhj.Scheme(integrator="euler", frame="fixed"))
 EXACT = sdhj.HJI(scheme=sdhj.Scheme(order=3, integrator="rk3", frame="fixed", dtype="float64"))
@@ -99,7 +99,7 @@ def test_slabs_in_memory_give_every_bit(case):
     make, method, width = CASES[case]
     problem, method = make(), method_of(method)
     plan = planned(problem, method, (0, width))
-    sets = GridSets(problem, method.name, method.on, plan.dtype, method.options, plan=plan)
+    sets = GridSets(problem, method, slabs=Slabs(plan))
     assert plan.layout.slabs >= 3 and isinstance(sets.arrays, Memory)
     recursion(sets, problem.steps, lambda: None)
     assert_bit_equal(sets.finish({}), sdhj.solve(problem, method))

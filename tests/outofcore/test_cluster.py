@@ -10,8 +10,8 @@ from slabbed import assert_bit_equal, lines_of, room
 
 import sdhj
 from sdhj.outofcore import planned, runner
-from sdhj.solver.methods import method_of
 from sdhj.solver.slabs import Task
+from sdhj.solving import method_of
 from sdhj.table.store import Store, opened_store
 
 dask = pytest.importorskip("dask")

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 CHILD = """
 import sys
 import sdhj, large
-from sdhj.solver.methods import method_of
+from sdhj.solving import method_of
 from sdhj.outofcore import planned, task_bytes
 
 name, nodes, method, memory = sys.argv[1], int(sys.argv[2]), sys.argv[3], int(sys.argv[4])
