@@ -59,6 +59,32 @@ def largest_in_box(values, low, high, order, grid):
     return reduced(len(order), [0] * len(order))
 
 
+def largest_in_set(values, low, high, halves, order, grid):
+    """Maximum over a box and segments from -half to half: over boxes no more than half a cell apart along each."""
+    each = []
+    for half in halves:
+        cells = max(abs(h) / dx for h, dx in zip(half, grid["spacing"], strict=True))
+        count = math.ceil(4 * cells)
+        each.append([[(2 * i / count - 1) * h for h in half] for i in range(count + 1)])
+    most = -math.inf
+    for moves in itertools.product(*each):
+        shift = [sum(move[axis] for move in moves) for axis in range(len(low))]
+        most = max(most, largest_in_box(values, low + shift, high + shift, order, grid))
+    return most
+
+
+def corners_of(low, high, halves, grid):
+    """Of a box its corners; with segments the ends that lie farthest in these directions."""
+    corners = []
+    for sides in itertools.product((-1, 1), repeat=len(low)):
+        corner = [a if side < 0 else b for side, a, b in zip(sides, low, high, strict=True)]
+        for half in halves:
+            towards = sum(side * h / dx for side, h, dx in zip(sides, half, grid["spacing"], strict=True))
+            corner = [x + (h if towards >= 0 else -h) for x, h in zip(corner, half, strict=True)]
+        corners.append(corner)
+    return corners
+
+
 def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1):
     """Steps to go (None where not admissible), safe inputs, margins and the best input at one state.
 
@@ -67,7 +93,7 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1
     tubes : list of arrays, S_k with 0, 1, ... steps to go
     following : list of arrays, S_{k+1} with 0, 1, ... steps to go; empty at the last step
     marks : list of bool arrays (*shape, L), which inputs each node marks, for each n
-    boxes : list of (low, high), the corners of the box of states that each input can lead to
+    boxes : list of (low, high, halves), what each input can lead to: corners of a box, and segments around these
     avoid : list of (axes, values (L, *shape of those axes))
     true : what the true sets say: {"unsafe": of q, "off the target": of q, "passes": callable (j, steps left)}, bools
     within : judge inputs by the tube of so many steps to go where that is more than the fewest
@@ -80,7 +106,7 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1
         return None if true["unsafe"] else to_go, [], [], None
     n = max(to_go, within)
     inputs = range(len(boxes))
-    margins = [largest_in_box(following[n - 1], low, high, order, grid) for low, high in boxes]
+    margins = [largest_in_set(following[n - 1], *box, order, grid) for box in boxes]
     nodes = [index for _, index in surrounding(q, axes, grid)]
     marked = [all(marks[n][index][j] for index in nodes) for j in inputs]
     hazard = [max(interpolated(values[j], q, axes, grid) for axes, values in avoid) for j in inputs]
@@ -101,12 +127,12 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1
     return to_go, [], margins, passing[0] if passing else least
 
 
-def looked_at(q, path, box, times, unsafe, target):
+def looked_at(q, path, box, grid, times, unsafe, target):
     """Whether neither the path, at its times, nor the corners of a box at the last of them meet the unsafe set.
 
     With a target the corners have to be in it. Walls are the caller's.
     """
-    corners = list(itertools.product(*zip(*box, strict=True)))
+    corners = corners_of(*box, grid)
     places = [*zip(path, times, strict=True), *((corner, times[-1]) for corner in corners)]
     if any(unsafe(place, t) for place, t in places):
         return False
@@ -131,8 +157,7 @@ def fallback_scores(q, following, boxes, avoid, grid):
     The margin is the largest value of the last of `following` at the corners of the input's box.
     """
     axes, scores = range(len(q)), []
-    for j, (low, high) in enumerate(boxes):
-        corners = itertools.product(*zip(low, high, strict=True))
-        margin = max(interpolated(following[-1], corner, axes, grid) for corner in corners)
+    for j, box in enumerate(boxes):
+        margin = max(interpolated(following[-1], corner, axes, grid) for corner in corners_of(*box, grid))
         scores.append((max(interpolated(values[j], q, own, grid) for own, values in avoid), margin))
     return scores

@@ -81,9 +81,9 @@ class Formula:
         return np.array(self.outputs, dtype=object).reshape(self.shape)
 
     @cached_property
-    def rows(self) -> "list[Formula]":
+    def rows(self) -> "tuple[Formula, ...]":
         """A formula for each entry of the first axis of the results."""
-        return [replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries]
+        return tuple(replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries)
 
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values.

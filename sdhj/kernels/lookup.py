@@ -12,12 +12,14 @@ from sdhj.kernels.true_sets import LOOK, ONLY_LOOK, TUBES, evaluate, judge, prop
 from sdhj.kernels.tubes import (
     AT_AHEAD,
     AT_BEGIN,
+    AT_FACES,
     AT_MOVING,
     AT_ORDER,
     AT_STATIC,
     AT_TARGET,
     AT_UNSAFE,
     LOOK_TIMES,
+    PATH,
     Room,
     Shelf,
     by_tubes,
@@ -55,7 +57,7 @@ def _look(rows, when, states, packs, ahead, table, space, out):
 def _lead(begin, rows, states, packs, ends, found, work):
     """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
 
-    found : near (4, L, ndim, R), which may be `ends` if that is one for all states; at (R, ndim), overwritten; hulls
+    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; at (R, ndim), overwritten; hulls
     """
     (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -104,10 +106,11 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         as in `Shelf`. looks: `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
     packs, stored : (ints, floats), (index, tubes, masks, static, moving)
         What is packed (above); of a `Shelf`.
-    ends : (4, L, ndim, 1 or R)
-        What each input can lead to, relative to the state: the lower and the upper corner of the box that holds all
-        states at the interval's end, and two terms of the path without an adversary, which after a share s of the
-        interval is s ends[2] + s^2 ends[3] away. Where there is a tape for it, it is played, and `ends` is not read.
+    ends : (4 + K, L, ndim, 1 or R)
+        What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
+        segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a
+        tape for it, it is played, and `ends` is not read.
     scores : (M, L)
         Which safe input is preferred as `best`: that of least score, of equals that of least depth.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
@@ -122,9 +125,11 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(LOOK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
-    alike = length(ints, np.int64(AT_AHEAD + RESULTS)) == 0 and ends.shape[3] == 1
-    near, at = ends if alike else np.empty((4, inputs, ndim, width)), np.empty((width, ndim))
-    room = working_room(near.shape[3], ndim, inputs, size)
+    played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
+    terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
+    alike = played == 0 and ends.shape[3] == 1
+    near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
+    room = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
     spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
@@ -134,7 +139,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-            room = Room(*room[:7], *block, room.centre)  # type: ignore[call-arg]
+            room = Room(*room[:7], *block, *room[9:])  # type: ignore[call-arg]
         if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
             return False
     return True

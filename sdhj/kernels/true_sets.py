@@ -10,7 +10,7 @@ import numpy as np
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import turned
 from sdhj.kernels.tape import RESULTS, length, part, play_in_room
-from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNSAFE, LOOK_TIMES, unpacked_lattice
+from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNSAFE, LOOK_TIMES, PATH, is_held, unpacked_lattice
 
 LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
@@ -34,16 +34,33 @@ def spots_for(states, inputs, count, ndim, sets):
 
 
 @kernel(**UNCOUNTED)
+def _farthest(ends, column, j, corner, axis, spacing, boxed):
+    """How far segments lead along an axis at the point of their sum that lies farthest towards a corner of the box."""
+    far = 0.0
+    for k in range(PATH, ends.shape[0]):
+        towards = 0.0
+        for other in range(spacing.size):
+            side = ((corner >> (spacing.size - 1 - other)) & 1) * 2.0 - 1.0
+            towards += side * ends[k, j, other, column] / spacing[other] * (other == axis or not boxed)
+        far += ends[k, j, axis, column] * (1.0 if towards >= 0.0 else -1.0)
+    return far
+
+
+@kernel(**UNCOUNTED)
 def place_points(at, state, j, box, lattice, look, spots):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
     (ends, column), (times, faces), (points, past) = box, look, spots
     ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
+    sums = ends.shape[0] > PATH
+    boxed = sums and is_held(state, ends, column, j, faces[4 * ndim :])
     for i in range(times.size):  # the state, the path, the corners
         spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
         for axis in range(ndim):
             x = state[axis]
             if i > last:
                 x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, column]
+                if sums:
+                    x += _farthest(ends, column, j, i - last - 1, axis, lattice.spacing, boxed)
             elif i > 0:
                 x += share * ends[2, j, axis, column]
                 x += share * share * ends[3, j, axis, column]

@@ -13,12 +13,16 @@ from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid,
 from sdhj.kernels.tape import BLOCK, TABLES, part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
+PATH = 4  # terms of what inputs lead to, before the segments: corners of a box, and the path without an adversary
+A_CELL = 4.0  # intervals between the points at which segments are looked at, for a cell of half their length
+MOST_POINTS = 4096  # of sums of segments that are looked at: of more the box is taken
 CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
-# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (4, ndim):
-# between what coordinates are clipped, and the ends of the grid; when the interval begins; and three tapes: what inputs
-# lead to, the unsafe sets and the target, the two of points with the time as one more coordinate.
+# are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
+# between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval
+# begins; and three tapes: what inputs lead to, the unsafe sets and the target, of points with the time as one more
+# coordinate.
 AT_STATIC, AT_MOVING, AT_ORDER, LOOK_TIMES, AT_FACES, AT_BEGIN, AT_AHEAD = range(
     len(Lattice._fields), len(Lattice._fields) + 7
 )
@@ -53,6 +57,8 @@ class Room(NamedTuple):
     node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
+    Of segments: looks (L, K), how many points of each are looked at; the boxes around one point of their sum, moved
+    (2, L, ndim, 1), and what is worst in them, worst (L,); held (2 ndim,): walls.
     """
 
     hull: Any
@@ -65,6 +71,10 @@ class Room(NamedTuple):
     offsets: Any
     values: Any
     centre: Any
+    looks: Any
+    moved: Any
+    worst: Any
+    held: Any
 
 
 @kernel(**UNCOUNTED)
@@ -136,13 +146,87 @@ def _reduce(values, source, nodes, rest, near, far):
 
 
 @kernel(**UNCOUNTED)
+def _spread(ends, column, j, axis):
+    """How far the segments of an input lead along an axis, all of them."""
+    far = 0.0
+    for k in range(PATH, ends.shape[0]):
+        far += abs(ends[k, j, axis, column])
+    return far
+
+
+@kernel(**UNCOUNTED)
+def is_held(state, ends, column, j, held):
+    """Whether the segments of an input lead past a wall, where the state may end outside their sum."""
+    for axis in range(state.size):
+        far = _spread(ends, column, j, axis)
+        low, high = state[axis] + ends[0, j, axis, column] - far, state[axis] + ends[1, j, axis, column] + far
+        if far > 0.0 and (low < held[axis] or high > held[state.size + axis]):
+            return True
+    return False
+
+
+@kernel(**UNCOUNTED)
+def _looks_at(state, ends, column, lattice, room):
+    """Write how many points of each segment are looked at, 0 where its box is; returns the most of their sums."""
+    most, looks = 1, room.looks
+    for j in range(ends.shape[1]):
+        points = 1
+        for k in range(looks.shape[1]):
+            cells = 0.0
+            for axis in range(state.size):
+                cells = max(cells, abs(ends[PATH + k, j, axis, column]) / lattice.spacing[axis])
+            looks[j, k] = 1 + int(np.ceil(min(A_CELL * cells, MOST_POINTS)))
+            points = min(points * looks[j, k], MOST_POINTS + 1)
+        if points > MOST_POINTS or is_held(state, ends, column, j, room.held):
+            looks[j], points = 0, 1
+        most = max(most, points)
+    return most
+
+
+@kernel(**UNCOUNTED)
+def _move(point, ends, column, room):
+    """Write the boxes of all inputs around a point of the sum of their segments, by its number."""
+    for j in range(ends.shape[1]):
+        for axis in range(ends.shape[2]):
+            room.moved[0, j, axis, 0], room.moved[1, j, axis, 0] = ends[0, j, axis, column], ends[1, j, axis, column]
+        left = point
+        for k in range(room.looks.shape[1]):
+            looks, share, wider = room.looks[j, k], 0.0, 1.0
+            if looks > 0:
+                share, wider = 2.0 * (left % looks) / max(looks - 1, 1) - (looks > 1), 0.0
+                left //= looks
+            for axis in range(ends.shape[2]):
+                half = ends[PATH + k, j, axis, column]
+                room.moved[0, j, axis, 0] += share * half - wider * abs(half)
+                room.moved[1, j, axis, 0] += share * half + wider * abs(half)
+
+
+@kernel(**UNCOUNTED)
 def _worst_values(values, state, ends, column, order, lattice, room, out):
-    """out[j] = maximum of the interpolated `values` over the box of input j around a state.
+    """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
+
+    That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
+    no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
+    """
+    _gather(values, state, column, order, lattice, room)
+    if ends.shape[0] == PATH:
+        _worst_in_boxes(state, ends, column, order, lattice, room, out)
+        return
+    out[:] = -np.inf
+    for point in range(_looks_at(state, ends, column, lattice, room)):
+        _move(point, ends, column, room)
+        _worst_in_boxes(state, room.moved, 0, order, lattice, room, room.worst)
+        for j in range(out.size):
+            out[j] = max(out[j], room.worst[j])
+
+
+@kernel(**UNCOUNTED)
+def _worst_in_boxes(state, ends, column, order, lattice, room, out):
+    """out[j] = maximum of the interpolated values that were gathered over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    _gather(values, state, column, order, lattice, room)
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
@@ -243,10 +327,12 @@ def hull_of(ends, column, spacing, hull):
     """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
     size = 1.0
     for axis in range(ends.shape[2]):
-        hull[0, axis], hull[1, axis] = ends[0, 0, axis, column], ends[1, 0, axis, column]
-        for j in range(1, ends.shape[1]):
-            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column])
-            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column])
+        hull[0, axis], hull[1, axis] = np.inf, -np.inf
+        for j in range(ends.shape[1]):
+            far = _spread(ends, column, j, axis)
+            far += TINY * spacing[axis] if far > 0.0 else 0.0  # of another order of sums
+            hull[0, axis] = min(hull[0, axis], ends[0, j, axis, column] - far)
+            hull[1, axis] = max(hull[1, axis], ends[1, j, axis, column] + far)
         size *= np.ceil((hull[1, axis] - hull[0, axis]) / spacing[axis] + 1e-6) + 2.0
     return int(size)
 
@@ -270,14 +356,15 @@ def unpacked_lattice(ints, floats):
 
 
 @kernel()
-def working_room(columns, ndim, inputs, size):
-    """A `Room` for so many hulls, inputs and nodes of a block."""
+def working_room(columns, ndim, inputs, size, segments, held):
+    """A `Room` for so many hulls, inputs, nodes of a block and segments, and walls."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
-    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim))
+    sums = np.empty((inputs, segments), np.int64), np.empty((2, inputs, ndim, 1)), np.empty(inputs), held
+    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
 @kernel(nogil=True)
@@ -289,7 +376,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
     shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
-    room = working_room(1, states.shape[1], out.shape[1], 0)
+    room = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
         hazards(shelf, step, states[m], lattice, room, out[m])
 

@@ -185,6 +185,32 @@ def maximum_over_boxes(
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
 
+def crossings(half: FloatArray) -> FloatArray:
+    """Points of the segment from -half to half, in cells (ndim,): its ends, and where it crosses nodes: (P, ndim)."""
+    each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
+    shares = np.concatenate([[-1.0, 1.0], *each])
+    points = shares[np.unique(np.round(shares, 12), return_index=True)[1], None] * half
+    return np.where(np.abs(points - np.round(points)) < 1e-9, np.round(points), points)
+
+
+def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, interpolation: str) -> FloatArray:
+    """The maximum of `values` over x + the sum of the segments from -half to half, halves (K, ndim), one after another.
+
+    It is taken of values that go on past walls, where all is as at the wall, and only at the end at the grid's nodes.
+    """
+    walls = [not closed and "wall" in ends for closed, ends in zip(grid.periodic, grid.ends, strict=True)]
+    past = np.where(walls, np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0).tolist()
+    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.continued(past)
+    for half in halves[np.abs(halves).any(axis=1)]:
+        points, most = crossings(half / grid.spacing) * grid.spacing, None
+        for some in maxima(wide, raised, points, points, interpolation):
+            for begin in range(0, some.number, EIGHT):
+                found = some.of(slice(begin, begin + EIGHT)).max(axis=0)
+                most = found if most is None else np.maximum(most, found, out=most)
+        raised = np.asarray(most)
+    return raised[tuple(slice(n, n + inner) for n, inner in zip(past, grid.shape, strict=True))]
+
+
 @lru_cache(maxsize=64)
 def most_on_rim(grid: Grid) -> FloatArray | None:
     """Minus the distance past safe ends, +inf where nothing is past one, (shape); None where that is everywhere."""

@@ -23,6 +23,8 @@ def described(problem: Statement) -> dict[str, Any]:
         one: Any = problem.functions[name]
         functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
     formulas = {"format": FORMAT, "functions": functions, "opaque": problem.opaque}
+    if max(problem.dynamics.cuts(range(problem.grid.ndim))) > 1:
+        formulas["pieces"] = problem.dynamics.pieces
     return problem.numbers | {"problem": problem.name, "formulas": formulas}
 
 

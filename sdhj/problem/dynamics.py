@@ -12,12 +12,13 @@ import numpy as np
 
 from sdhj.formulas.derivative import linear
 from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, sure_of_zeros
-from sdhj.formulas.graph import Node, constant, leaf, ordered
+from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
-from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed
+from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
 
+PIECES, MOST_PIECES = 8, 1024  # of the range of a component of v that does not enter linearly
 MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
 Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
@@ -42,7 +43,10 @@ class Dynamics:
         Half-widths of the box of disturbances.
     velocity : function of (points, u, v (D,), t) -> (M, ndim), optional
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
-        between its extremes over the box of v, which errs to the safe side.
+        between its extremes over a piece of the box of v, which errs to the safe side.
+    pieces : int
+        Into how many pieces method "hji" cuts the range of each component of v that does not enter linearly and moves
+        several axes; the error falls with their number, to the first order, and cost and memory grow with it.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class Dynamics:
     gain: Any = None
     bounds: Any = None
     velocity: Any = None
+    pieces: int = PIECES
     _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -97,6 +102,7 @@ class Dynamics:
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
             object.__setattr__(self, "bounds", read_only(bounds))
+        whole("pieces", self.pieces, least=1, most=MOST_PIECES)
         for name in KNOWN:
             given = getattr(self, name)
             if callable(given):
@@ -129,7 +135,7 @@ class Dynamics:
                 raise ValueError("bounds that depend on the state need a gain that can be read as a formula")
             gain = gain and Formula.traced("gain", partial(_scaled_gain, gain, bounds), ndim)
             bounds = _constants("bounds", np.ones(bounds.shape), ndim)
-        return VectorField(self.inputs, ndim, drift, gain, bounds)
+        return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
         """Raise ValueError where a function's values at states (M, ndim) are not what was read from it.
@@ -217,6 +223,7 @@ class VectorField:
     drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
     gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
+    pieces: int = PIECES  # as in `Dynamics`
     _derived: dict[Any, Formula] = field(
         default_factory=dict, init=False, repr=False
     )  # made of these, by what they are
@@ -299,6 +306,30 @@ class VectorField:
             moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
+    def cuts(self, axes: Sequence[int]) -> tuple[int, ...]:
+        """Into how many pieces each component of v is cut: 1 where it enters linearly or moves one of some axes; (D,).
+
+        The velocity set is then the union of boxes, one for each piece, whose product is their number.
+        """
+        if self.gain is not None:
+            return (1,) * self.adversaries
+        if (found := self.__dict__.setdefault("_moved", [])) == []:
+            each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
+            found.append(np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each]))
+        several = (found[0][:, list(axes)].sum(axis=1) > 1).any(axis=0)
+        return tuple(np.where(several, self.pieces, 1).tolist())
+
+    @cached_property
+    def oblique(self) -> tuple[int, ...]:
+        """The components of the disturbance that move several axes, whatever the time: what each does is a segment."""
+        if not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
+            return ()
+        moved = self.pushes
+        if self.constant:
+            pushed = np.abs(self.arrays[1]) * self.arrays[2]
+            moved = (pushed > 1e-12 * pushed.max(initial=0.0))[None]
+        return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
+
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
         """The same dynamics, states past some ends moving as at the end."""
         drift, gain = (part and part.clipped(lower, upper) for part in (self.drift, self.gain))
@@ -327,7 +358,7 @@ class VectorField:
             return replace(part, function=of_some, reads=reads, slope=slope, enclosure=None, shape=shape)
 
         bounds = replace(self.bounds, coordinates=len(keep))
-        return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds)
+        return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds, self.pieces)
 
     def undisturbed(self) -> "VectorField":
         """The same without a disturbance."""
@@ -337,7 +368,7 @@ class VectorField:
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
-        rows = [one.rows if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
+        rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
@@ -392,10 +423,10 @@ class VectorField:
         return bounds
 
     @cached_property
-    def extremes_of(self) -> list[Formula]:
+    def extremes_of(self) -> tuple[Formula, ...]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
         count = len(self.inputs)
-        return [Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count)]
+        return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
         """As `extremes`, where the disturbance enters linearly."""

@@ -7,7 +7,7 @@ functions, an intersection the maximum, a complement the negative.
 import math
 import reprlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -272,6 +272,11 @@ class Grid:
             nodes = self.nodes(axis)
             out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
         return out
+
+    @cached_property
+    def walled(self) -> "Grid":
+        """The same nodes with walls at all ends."""
+        return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *kinds: str) -> Any:
         """States (..., ndim) clipped at the ends of these kinds, by default at walls."""

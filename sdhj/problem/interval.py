@@ -4,9 +4,10 @@
 controller looks ahead, and the plant that the simulation integrates.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -21,6 +22,8 @@ from sdhj.problem.memory import require
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
+ROUNDING = 1e-12  # of pushes, relative to the greatest
+PATH = 4  # terms of `Interval.ahead` before the segments
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 
@@ -83,6 +86,25 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
     )
 
 
+def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Corners of boxes, a spread nearer to each other; where that leaves rounding, their middle."""
+    if not np.any(spread):
+        return low, high
+    middle, left = (low + high) / 2, (high - low) / 2 - spread
+    left = np.where(left > ROUNDING * spread, left, 0.0)
+    return middle - left, middle + left
+
+
+def _symmetric(axis: int, pushes: FloatArray) -> bool:
+    """Whether segments (axes, K), reflected at an axis, are the same."""
+    mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
+    lengths = np.sqrt((pushes**2).sum(axis=0))
+    same = np.abs(np.abs(pushes.T @ np.hstack([pushes, mirrored])) - np.outer(lengths, np.tile(lengths, 2)))
+    along = (same <= 1e-9 * np.outer(lengths, np.tile(lengths, 2))) @ np.diag(np.tile(lengths, 2))
+    here, there = np.split(along, 2, axis=1)
+    return bool(np.allclose(here.sum(axis=1), there.sum(axis=1), rtol=1e-9, atol=0.0))
+
+
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
     """Each input that occurs among some (M,), and the rows where it does."""
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
@@ -110,6 +132,11 @@ class Interval:
     @property
     def end(self) -> float:
         return self.begin + self.delta
+
+    @cached_property
+    def walled(self) -> "Interval":
+        """The same on a grid with walls at all ends, where predictions are clipped."""
+        return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 
@@ -187,7 +214,7 @@ class Interval:
         Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
         midpoint rule.
         """
-        _, _, moved, more = self.ahead(states)
+        _, _, moved, more = self.ahead(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
@@ -205,14 +232,30 @@ class Interval:
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
-        low, high = np.moveaxis(self.ahead(states)[:2], -1, 1)
-        return low, high
+        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
+        spread = np.abs(halves).sum(axis=0) if halves else 0.0
+        return low - spread, high + spread
+
+    def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
+        """Some of the states of `reachable` that the adversary can bring about: (M, L, P, ndim), or (1, L, P, ndim).
+
+        sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
+        of v move several axes, each is at the end that lies farther in this direction from the middle.
+        """
+        low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
+        points = low * (1 - sides) + high * sides
+        for half in halves:
+            towards = ((2 * sides - 1) * half / self.grid.spacing).sum(axis=-1, keepdims=True)
+            far = np.abs(2 * sides - 1).max(axis=-1, keepdims=True)
+            points = points + np.where(towards >= 0, far, -far) * half
+        return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """What each input leads to, relative to the states: (4, L, ndim, M), or (4, L, ndim, 1) if alike for all.
+        """What each input leads to, relative to the states: (4 + K, L, ndim, M), or (4 + K, L, ndim, 1) if all alike.
 
-        The corners of `reachable`, and two terms of the path without an adversary: a share s of the interval later the
-        state is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order.
+        The corners of a box, and two terms of the path without an adversary: a share s of the interval later the state
+        is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order. Behind
+        them, half of each segment that components of v which move several axes add to the box (`VectorField.oblique`).
         """
         if self.dynamics.stateless:
             return self._alike.copy()  # compiled look-ups take it in place of what they write
@@ -238,18 +281,35 @@ class Interval:
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
         moved, later = self._moves(states, begin)
-        return np.stack([low - self.wider, high + self.wider, moved, later - moved], axis=1)
+        segments = [self.delta * half for half in self._halves(states, begin)]
+        return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
+
+    def _halves(self, states: Any, begin: Any) -> list[Any]:
+        """Of each component of v that moves several axes, half of what it adds to the velocity: each (M, L, ndim)."""
+        dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
+        if not dynamics.oblique:
+            return []
+        gains = [dynamics.gain_at(points, j, begin) for j in count]
+        bounds = [dynamics.bounds_at(j, self.begin) for j in count]
+        return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Lower and upper corners at the end, both (M, L, ndim)."""
+        """Lower and upper corners at the end, both (M, L, ndim), of what moves one axis each."""
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.reached(0.0, self.delta)
+            spread = sum((np.abs(half[0]) for half in self._halves(states, begin)), np.zeros_like(low))
+            low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         lows, highs = [], []
         for j in range(len(dynamics.inputs)):
+            if dynamics.oblique:
+                some = dynamics.bounds_at(j, self.begin) * ~np.isin(np.arange(dynamics.adversaries), dynamics.oblique)
+                lows.append((np.abs(dynamics.gain_at(points, j, begin)) * some).sum(axis=2))
+                highs.append(lows[-1])
+                continue
             drift, ends = dynamics.drift_at(points, j, begin), [dynamics.extremes(points, j, t) for t in times]
             middle = [drift if t is begin else dynamics.drift_at(points, j, t) for t in times]
             lows.append(reduce(np.maximum, [one - end[:, 0] for one, end in zip(middle, ends, strict=True)]))
@@ -281,6 +341,45 @@ class Interval:
             mean = self._always
         low, high = (end - begin) * mean
         return low, high
+
+    def segments(self, axes: Sequence[int]) -> FloatArray:
+        """Of components of v that move several of some axes, half the segment that each adds per second: (L, K, axes).
+
+        The displacement over tau is that of the box less their share, plus any point of each segment times tau. None
+        (K = 0) where gain or bounds depend on time, and none of those that move an axis with a wall, unless nothing
+        drifts along it and the set of segments is symmetric about it: what is held at a wall may end elsewhere.
+        """
+        dynamics, own, grid = self.dynamics, list(axes), self.grid
+        fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
+        if not fixed or not dynamics.couples(own):
+            return np.zeros((len(dynamics.inputs), 0, len(own)))
+        nothing, count = np.zeros((1, grid.ndim)), range(len(dynamics.inputs))
+        pushes = np.stack([dynamics.gain_at(nothing, j, self.begin)[0] * dynamics.bounds_at(j) for j in count])[:, own]
+        some = np.abs(pushes) > ROUNDING * np.abs(pushes).max()  # the rest is rounding, as of a gain that is a rotation
+        pushes *= some
+        oblique = (some.sum(axis=1) > 1).any(axis=0)
+        for place, axis in enumerate(own):
+            if self._holds(axis, place, pushes[:, :, oblique]):
+                oblique &= ~some[:, place].any(axis=0)
+        return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
+
+    def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
+        """Whether what is held at a wall of an axis may end outside the sum of segments (L, axes, K), it being one."""
+        nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
+        if self.grid.periodic[axis] or "wall" not in self.grid.ends[axis]:
+            return False
+        drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
+        return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, place), pushes))
+
+    @property
+    def held(self) -> FloatArray:
+        """The walls at which states may end outside the sum of segments: (2, ndim), infinite where there is none."""
+        dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("wall")), range(self.grid.ndim)
+        if dynamics.oblique and dynamics.stateless:
+            pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
+            past = np.array([[-np.inf], [np.inf]])
+            walls = np.where([self._holds(axis, axis, pushes) for axis in axes], walls, past)
+        return walls
 
     # ---- on the grid: velocity sets for the games
 
@@ -379,12 +478,31 @@ class Interval:
         return points
 
     def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The box of velocities where the disturbance does not enter linearly."""
-        seen, outside = self._seen(axes)
-        points, shape = self._points(seen), self.grid.subgrid(seen).shape
-        low, high = (end[:, axes].T.reshape(-1, *shape) for end in self.dynamics.range(j, points, points, (t, t)))
-        places = tuple(1 + place for place in outside)
-        return Velocities(low.min(axis=places), high.max(axis=places))
+        """The box of velocities where the disturbance does not enter linearly, or one for each piece of its range.
+
+        A velocity is in the box of some piece, so that H is at most the maximum over them, and no less than that of a
+        box over the whole range.
+        """
+        dynamics, (seen, outside), cuts = self.dynamics, self._seen(axes), self.dynamics.cuts(axes)
+        grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
+        if count > 1:
+            require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
+        points, lows, highs = self._points(seen), list[FloatArray](), list[FloatArray]()
+        ends = dynamics.disturbance(j, points, points, (t, t))
+        nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
+        for at in product(*map(range, cuts)):
+            v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
+            found = dynamics.each["drift"][j].bounds(points, points, (t, t), *v)
+            low, high = (end[:, axes].T.reshape(-1, *grid.shape) for end in found)
+            lows.append(low.min(axis=places))
+            highs.append(high.max(axis=places))
+        if count == 1:
+            return Velocities(lows[0], highs[0])
+        low, high = np.array(lows), np.array(highs)
+        gain = np.zeros((count, len(axes), *low.shape[1:]))
+        for axis in range(len(axes)):
+            gain[:, axis, axis] = (high[:, axis] - low[:, axis]) / 2
+        return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
         """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""

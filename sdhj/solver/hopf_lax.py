@@ -18,26 +18,71 @@ Between two nodes, at the fraction t of the way, s is taken
   and s itself. It is not monotone: raising s at one node may lower the result beside it, by a part of what was added.
 
 With an interval of width 0 the same operator shifts a function, which the moving frame of `schemes.Scheme` needs.
+
+Where a component of v moves several axes, what it adds is a segment, and the state ranges over the Minkowski sum of a
+box and K segments, a zonotope:
+
+    Phi_j(x) = max over y in [x + tau a_j, x + tau b_j] of s_K(y),   s_k(y) = max over |c| <= 1 of s_k-1(y + c tau h_k),
+
+s_0 = s. Of a segment its ends are looked at, and where it crosses planes of nodes, by interpolation. That is exact but
+for interpolation, which is not one-sided then: between two crossings the interpolant may be higher, along a ridge, and
+what is interpolated again is lower, in a bowl.
 """
 
 from collections.abc import Iterator
+from itertools import groupby, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.boxes import Nodes, maximum_over_boxes
+from sdhj.kernels.union import EIGHT
+from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments
 from sdhj.problem.grid import Grid
 
 
-def maximum_over_paths(
-    grid: Grid, values: FloatArray, boxes: FloatArray, interpolation: str, wanted: Nodes | None = None
-) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over x + all boxes of a path): boxes (P, 2, L, ndim), lower and upper corners.
+class Moved(NamedTuple):
+    """Where each input leads to: the sum of a box and of the segments from -half to half, relative to the state.
 
-    Between two boxes the corners move on straight lines, within the smallest box that contains both.
+    low, high (L, ndim), the corners of the box; halves (L, K, ndim)
+    """
+
+    low: FloatArray
+    high: FloatArray
+    halves: FloatArray
+
+    def runs(self) -> list[tuple[int, int]]:
+        """First and end of runs of inputs that have the same segments."""
+        ends = np.cumsum([len(list(run)) for _, run in groupby(self.halves, key=lambda one: one.tobytes())]).tolist()
+        return list(zip([0, *ends], ends, strict=False))
+
+
+def maxima_over_sets(
+    grid: Grid, values: FloatArray, moved: Moved, interpolation: str, wanted: Nodes | None = None
+) -> Iterator[Maxima]:
+    """The maxima of `values` over x + what each input leads to, as `sdhj.problem.boxes.maxima`."""
+    if not moved.halves.any():
+        yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
+        return
+    for first, end in moved.runs():
+        raised = maximum_over_segments(grid, values, moved.halves[first], interpolation)
+        lasting = grid.continued([0] * grid.ndim)  # on which nobody is out of danger half of the way
+        for some in maxima(lasting, raised, moved.low[first:end], moved.high[first:end], interpolation, wanted):
+            yield some._replace(first=first + some.first)
+
+
+def maximum_over_paths(
+    grid: Grid, values: FloatArray, path: list[Moved], interpolation: str, wanted: Nodes | None = None
+) -> Iterator[tuple[int, FloatArray]]:
+    """Yield (j, max of `values` over x + all sets of a path), of which the first have the longest segments.
+
+    Between two sets the corners of boxes move on straight lines, within the smallest box that contains both.
     """
     found: dict[int, FloatArray] = {}
-    for low, high in zip(np.minimum(boxes[:-1, 0], boxes[1:, 0]), np.maximum(boxes[:-1, 1], boxes[1:, 1]), strict=True):
-        for j, most in maximum_over_boxes(grid, values, low, high, interpolation, wanted):
-            found[j] = np.maximum(found.get(j, most), most)
+    for one, other in pairwise(path):
+        both = Moved(np.minimum(one.low, other.low), np.maximum(one.high, other.high), one.halves)
+        for some in maxima_over_sets(grid, values, both, interpolation, wanted):
+            for begin in range(0, some.number, EIGHT):
+                for j, most in enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin):
+                    found[j] = np.maximum(found.get(j, most), most)
     yield from found.items()

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Protocol
 
 from sdhj.problem.boxes import INTERPOLATIONS
 from sdhj.problem.checks import Options, option
+from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.former import Former
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
@@ -80,6 +81,11 @@ class HJI(Options):
 class HopfLax(Options):
     """Method "lax": the Hopf-Lax formula, for velocities that do not depend on the state; exact up to interpolation.
 
+    Where a component of the disturbance moves several axes, the maximum is taken over the true set, a zonotope, one
+    segment after another. Interpolation then errs to either side: outwards in bowls of the level-set function, inwards
+    at ridges. The box around the set, which is larger, is used where gain or bounds depend on time, and for components
+    that move an axis with a wall, unless the set is symmetric about that axis and no input moves along it.
+
     Parameters
     ----------
     interpolation : {"limited", "linear"}
@@ -115,4 +121,10 @@ class HopfLax(Options):
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        if (pieces := max(problem.dynamics.cuts(range(problem.grid.ndim)))) > 1:
+            cause = (
+                'a disturbance that does not enter linearly moves several axes: method "lax" plays the box around its '
+            )
+            remedy = f'use method="hji", which cuts its range into {pieces} pieces'
+            tell(Finding(f"{cause}velocities, and finer grids do not help; ", pieces, remedy))
         return GridSets(problem, self, former)

@@ -297,7 +297,8 @@ class Projected(Options):
     The tubes lie inside those of the full method, and cost less. The target must not depend on a dropped coordinate:
     its projection contains only what is in it for *every* value of that coordinate. A bounded target that moves with
     a coordinate, as in `evader_case_study`, has an empty projection; a `ProjectionWarning` then says so, and the tubes
-    never grow beyond the target. Use `HJI` there.
+    never grow beyond the target. Use `HJI` there. A component of the disturbance that moves several axes gains nothing
+    where they are dropped one by one: the shadow of a disk is that of the square around it.
 
     Parameters
     ----------

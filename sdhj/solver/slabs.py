@@ -153,7 +153,7 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     """Nodes beside a slab that `games.reach` needs."""
     problem = games.problem
     if isinstance(games, HopfLaxGames):
-        return nodes_read(float(games.cells[axis]))
+        return nodes_read(float(games.reads[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
@@ -166,7 +166,8 @@ def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -
     """Nodes beside a slab that `games.avoid` needs, on some axes."""
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
-        return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis])
+        more = 2 * games.problem.interval(0).segments(axes).shape[1]  # as in `HopfLaxGames.reads`
+        return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis] + more)
     return depth(games.scheme) * _most(games, axes, counted)
 
 
@@ -208,6 +209,7 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     if not dynamics.stateless:
         whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
         each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+        each += 8 * (3 + grid.ndim) * (math.prod(dynamics.cuts(axes)) - 1)
         velocities = each * grid.ndim * grid.size
         found += velocities + min(KEPT, count * times * velocities)
         at_once = min(count * grid.size, max(grid.size, count * FEW))

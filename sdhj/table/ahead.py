@@ -31,7 +31,7 @@ def prepared(
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / LOOKED for part in range(1, LOOKED)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
-    faces = np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper])
+    faces = np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper, *interval.held])
     return packed(*grid.arrays, *axes, order, times if looks else times[:0], faces, np.array([interval.begin]), *tapes)
 
 
@@ -53,7 +53,7 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
 def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> None:
     """The look at the true sets as in `sdhj.kernels.lookup.decide`, for some rows of a batch and sets of any kind.
 
-    ends (4, L, ndim, 1 or R), scores (M, L) and looks are those of `decide`.
+    ends (4 + K, L, ndim, 1 or R), scores (M, L) and looks are those of `decide`.
     """
     problem, (ints, floats) = table.problem, table.known(batch.step)
     times = floats[slice(*ints[2 * LOOK_TIMES : 2 * LOOK_TIMES + 2])]

@@ -1,6 +1,6 @@
 """What a controller does beside selecting: predict, filter what others want, stay clear where nothing is promised."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Any
@@ -57,10 +57,9 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """The largest value of the tube with all steps left, at the corners of the box that each input can lead to."""
-    low, high = table.problem.interval(step).reachable(states)
+    """The largest value of the tube with all steps left, at the corners of what each input can lead to."""
     sides = _sides(table.grid.ndim)
-    ends = states[:, None, None] + np.where(sides, high[:, :, None], low[:, :, None])  # (M, L, corners, ndim)
+    ends = states[:, None, None] + table.problem.interval(step).reaches(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
     points = np.ascontiguousarray(ends.reshape(len(states), -1, table.grid.ndim))
     ahead = table._values_at(points, step + 1, left)
@@ -69,7 +68,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache
 def _sides(ndim: int) -> FloatArray:
-    return np.array(list(product((False, True), repeat=ndim)))
+    return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
 @dataclass(frozen=True)
@@ -128,13 +127,13 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
     off the grid by more than its error is what is predicted.
     """
-    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
+    delay, grid = problem.sensing.delay, problem.grid.walled
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
         return np.where(off, measured, states)
-    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
+    interval, parts = problem.interval(step).walled, 1 if problem.dynamics.constant else STRIDES
     still = np.zeros((len(states), problem.dynamics.adversaries))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)

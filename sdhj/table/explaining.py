@@ -99,12 +99,14 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
             says = f"Not in the tube {entry}: not all states that the measurement may stand for are."
     if within == 0 or step == table.steps:
         return Explanation(inside, says)
-    low, high = table.problem.interval(step).reachable(state)
-    margins = _margins(table, state, low[0], high[0], step, within - 1)
+    interval, ndim = table.problem.interval(step), table.grid.ndim
+    corners, middles = (np.array(list(product(sides, repeat=ndim))) for sides in ((0.0, 1.0), (0.0, 0.5, 1.0)))
+    ends = interval.reaches(state, corners)[0]
+    margins = _margins(table, state, interval.reaches(state, middles)[0], step, within - 1)
     hazards, batch = table.hazards(state, step)[0], table.batch(state, step, within)
     safe = batch.safe[0] & (batch.left[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
     failures = [
-        _failure(table, state, j, step, within - 1, hazards[j], margins[j], low[0, j], high[0, j])
+        _failure(table, state, j, step, within - 1, hazards[j], margins[j], ends[j])
         for j in np.flatnonzero(~safe).tolist()
     ]
     failures.sort(key=lambda one: (one.by not in ("image", "marks"), -one.short))
@@ -115,10 +117,9 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
     return Explanation(inside, says, tuple(failures), helps)
 
 
-def _margins(table: Any, state: FloatArray, low: FloatArray, high: FloatArray, step: int, left: int) -> FloatArray:
-    """The largest value of the next tube, `left` steps to go, at ends and middles of the boxes (L, ndim): (L,)."""
-    sides = np.array(list(product((0.0, 0.5, 1.0), repeat=state.shape[1])))
-    points = table.grid.clipped(state + low[:, None] + sides * (high - low)[:, None])
+def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
+    """The largest value of the next tube, `left` steps to go, at ends (L, P, ndim), relative to the state: (L,)."""
+    points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 
 
@@ -130,11 +131,10 @@ def _failure(
     left: int,
     hazard: float,
     margin: float,
-    low: FloatArray,
-    high: FloatArray,
+    ends: FloatArray,
 ) -> Failure:
     if hazard > 0:
-        name, when = _nearest(table, state, low, high, step)
+        name, when = _nearest(table, state, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
         return Failure(j, name, -float(hazard), says)
     if margin > 0:
@@ -145,16 +145,15 @@ def _failure(
     return Failure(j, "marks", -0.0, says)
 
 
-def _nearest(table: Any, state: FloatArray, low: FloatArray, high: FloatArray, step: int) -> tuple[str, float]:
+def _nearest(table: Any, state: FloatArray, ends: FloatArray, step: int) -> tuple[str, float]:
     """The unsafe set or the end of an axis that an input comes nearest to, and after how many seconds.
 
-    It is looked for on the lines from the state to the corners of the box in which the input may end.
+    It is looked for on the lines from the state to the ends (P, ndim) that the input may lead to, relative to it.
     """
     problem, grid = table.problem, table.grid
-    corners = np.array(list(product((0.0, 1.0), repeat=grid.ndim)))
     best = np.inf, "the unsafe ends of the grid", 0.0
     for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
-        points, t = state + s * (low + corners * (high - low)), problem.time(step) + s * problem.delta
+        points, t = state + s * ends, problem.time(step) + s * problem.delta
         for part in problem.unsafe:
             level = float(problem.value_of(part, grid.clipped(points), t).min())
             best = min(best, (level, part.name, s * problem.delta))

@@ -3,7 +3,8 @@
 A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
 alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
-adversary couples axes, the box of a margin is larger than the reachable set, and promises are given more rarely.
+adversary couples axes, a margin is over the sum of a box and segments; where gain or bounds depend on time, and at
+walls, it is over the box around, which is larger than the reachable set, and promises are given more rarely.
 """
 
 import os

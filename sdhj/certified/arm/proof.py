@@ -2,7 +2,7 @@
 
 The joints are the axes that number the blocks, the agent's axes are packed into bits. The inputs move only the joints
 and the agent moves alike under all of them, so its part of an image is an erosion by a fixed window, done once for each
-set.
+set. The window is a box: an agent whose speed is bounded by a norm counts as one with the square of velocities around.
 """
 
 import itertools

@@ -18,6 +18,7 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -55,7 +56,7 @@ DEEPEST = 6
 SIDE = 8  # of a block of cells, on axes along which they move alike
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
-BOXES_AT_ONCE = 1 << 16  # boxes
+BOXES_AT_ONCE = 1 << 14  # boxes
 MOST_IN_BALLS = 100  # cells
 MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
@@ -76,6 +77,12 @@ def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, dept
             good[good] = everywhere(holds, half[:, good], along, depth - 1)
     out[left] = good
     return out
+
+
+def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
+    """What is found of cells (M,), so many at a time that memory is bounded."""
+    begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
+    return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
 
 class Robot(Sets):
@@ -108,16 +115,19 @@ class Robot(Sets):
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
         """Bytes that a check takes, by what the head says of cells, places and parts.
 
-        Of a set, doubled where axes close, flags and sums; of each cell that is looked at, its number, coordinates and
-        ends, some of them twice; of each place what a box sweeps in each part, and some boxes.
+        First of moves: of each cell flags, of each that is looked at its number, place and row, some of them twice; of
+        each place what a box sweeps in each part, and of a slab of them all that is made meanwhile. Then of sets: of
+        each cell whether it is in some, and sums, doubled where axes close. Less than half as much again is taken.
         """
         counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
         ndim, cells = len(counts), math.prod(counts)
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
         chosen = cells if samples is None else min(samples, cells)
-        swept = min(places, chosen) * 16 * ndim * (parts + 20)
-        of_a_set = cells * (10 + 9 * 2 ** sum(map(bool, head["grid"]["periodic"])))
-        return sizes(arrays) + of_a_set + chosen * 8 * (6 * ndim + 2) + swept
+        boxes = min(places, chosen)
+        swept = boxes * (16 * ndim * parts + 32) + min(boxes, BOXES_AT_ONCE) * 16 * ndim * (parts + 60)
+        of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
+        return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
@@ -414,11 +424,16 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
-        sums, out = self.sums(following), np.zeros(len(numbers), np.bool_)
-        for j in range(self.low.shape[1]):
-            left = np.flatnonzero(~out)
-            out[left] = self.leads(numbers[left], step, j, sums)
-        return out
+        sums = self.sums(following)
+
+        def hold(some: Array) -> Array:
+            out = np.zeros(len(some), np.bool_)
+            for j in range(self.low.shape[1]):
+                left = np.flatnonzero(~out)
+                out[left] = self.leads(some[left], step, j, sums)
+            return out
+
+        return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
@@ -487,7 +502,7 @@ class Robot(Sets):
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
-        at, (starts, inputs, all_places, _) = self.cells(numbers) @ self.strides, self.low.shape
+        at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
         places = np.unique(at)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
@@ -505,8 +520,13 @@ class Robot(Sets):
                 looked_at = np.flatnonzero(needed)
                 if not looked_at.size:
                     break
-                swept, last = self.driven(looked_at, j, self.time(start), finer)  # check 3.20
-                moving = np.intersect1d(moving, looked_at[~self.moves_hold(looked_at, start, j, last)])  # check 3.30
+                swept = np.empty((looked_at.size, self.parts, 2, self.grid.ndim))
+                held = np.empty(looked_at.size, np.bool_)
+                for begin in range(0, looked_at.size, BOXES_AT_ONCE):
+                    own = slice(begin, begin + BOXES_AT_ONCE)
+                    swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)  # check 3.20
+                    held[own] = self.moves_hold(looked_at[own], start, j, last)  # check 3.30
+                moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
                     if finer == FINER[0] and not self.known.all():
                         some = some[~self.blocks_hold(step, looked_at, swept)[numbers[some]]]
@@ -543,7 +563,7 @@ class Robot(Sets):
             counted[name][0] += int(new.sum())
             counted[name][1] += numbers.size
             if not within:
-                good = self.goals_hold(numbers, step)
+                good = by_slabs(partial(self.goals_hold, step=step), numbers)
             else:
                 good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
