@@ -432,7 +432,7 @@ class VectorField:
         """As `extremes`, where the disturbance enters linearly."""
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
-        return np.stack([drift - spread, drift + spread], axis=1)
+        return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
@@ -466,7 +466,7 @@ class VectorField:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
-            return np.sort(signs * ends, axis=0)
+            return np.sort(signs * ends, axis=0)  # obligation 2.30
         most = np.abs(ends).max(axis=0)
         return np.stack([-most, most])
 
