@@ -271,7 +271,7 @@ RULES = {rule.name: rule for rule in (
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
     """What the kernels know of operations for intervals: a row for each code, columns as in `sdhj.kernels.tape`."""
-    out = np.zeros((len(rules), tape.FACTS))
+    out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP
         zero = TINY if rule.vanishes else 0.0
