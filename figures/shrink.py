@@ -7,6 +7,7 @@ from common import HERE, NAMES
 from PIL import Image
 
 WIDTH, COLOURS = 700, 128
+WIDE = {"extra_overview": 1100, "fig10_tubes": 1100}  # at the top of a page
 
 
 def shrink(folder: Path) -> None:
@@ -15,7 +16,8 @@ def shrink(folder: Path) -> None:
         if path.is_file():
             with Image.open(path) as image:
                 small = image.convert("RGB")
-            small.thumbnail((WIDTH, WIDTH))
+            width = WIDE.get(path.stem, WIDTH)
+            small.thumbnail((width, width))
             small.quantize(COLOURS).save(HERE / "gallery" / path.name, optimize=True)
 
 

@@ -395,3 +395,27 @@ def test_a_set_that_is_worn_down_says_what_fewer_steps_have() -> None:
     assert with_steps.fraction() == pytest.approx(0.475)
     sdhj.solve(leaking(0.08), progress=False)  # warnings are errors in tests
     sdhj.solve(double_integrator(None, 0.6, (41, 41)), progress=False)
+
+
+def docking(steps: int | None) -> sdhj.ReachAvoidProblem:
+    """Along the line to a port in orbit (Hill's equations, 0.0011 rad/s), thrusts of 1 mm/s^2 held for 5 s."""
+    dynamics = sdhj.Dynamics(
+        [[-1e-3], [0.0], [1e-3]],
+        lambda q, u: np.stack([q[:, 1], 3 * 0.0011**2 * q[:, 0] + u[0]], axis=1),
+        [[0.0], [1.0]],
+        [0.25e-3],
+    )
+    return sdhj.ReachAvoidProblem(sdhj.Grid([-400, -1], [400, 1], [31, 31]), dynamics, None, [], 5.0, steps)
+
+
+def test_docking_at_a_tenth_of_a_cell_a_step_says_what_fewer_steps_have() -> None:
+    with pytest.warns(ResolutionWarning, match="shrank away") as said:
+        sdhj.solve(docking(None), play=False, progress=False)
+    (text,) = [str(one.message) for one in said]
+    assert float(re.search(r"move the robot by ([\d.]+) of a cell", text)[1]) == pytest.approx(0.14, abs=0.05)
+    shares = {int(n): float(share) for share, n in re.findall(r"([\d.]+) of the state space after (\d+)", text)}
+    assert sorted(shares) == [1, 20, 60]
+    assert f"steps=60 has {shares[60]:.3f}" in text
+    for steps, share in shares.items():
+        table = sdhj.solve(docking(steps), play=False, progress=False)
+        assert table.fraction() == pytest.approx(share, abs=5e-4)

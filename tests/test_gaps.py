@@ -402,3 +402,18 @@ def test_gaps_along_some_axes_of_a_robot_that_turns() -> None:
     parts = lambda x: np.minimum(np.abs(x) - 0.4, np.abs(x - 1.5) - 0.1)  # noqa: E731
     assert gaps(line(161, target=parts), shifted=True) and not gaps(line(161, inputs=(0.5, 1.0), target=parts), True)
     assert gaps(line(161, target=None, unsafe=lambda x: x - 1.0), shifted=True) == ""
+
+
+def test_what_leaks_at_unsafe_ends_by_differences_and_by_shifts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """|x| < 1 m loses 0.01 m a step, a fifth of a cell: after 30 steps it is |x| < 0.7 m; gusts are the stronger."""
+    inputs, x, wrong = [[-0.1], [0.1], [0.0]], np.linspace(-1, 1, 20_001), []
+    problem = ReachAvoidProblem(
+        Grid([-1], [1], [41], ends="unsafe"), Dynamics(inputs, inputs, [[1.0]], [0.12]), None, (), 0.5, 30
+    )
+    assert not HJIGames(problem, Scheme()).shifted
+    for shifted in (False, True):
+        monkeypatch.setattr(HJIGames, "moving_frame", property(lambda _, it=shifted: it))
+        told = sdhj.solve(problem, play=False).contains(x[:, None])
+        assert told[np.abs(x) < 0.7].all()
+        wrong.append(np.mean(told & (np.abs(x) > 0.7)))
+    assert wrong == pytest.approx([0.067, 0.057], abs=0.001)

@@ -10,6 +10,7 @@ import toys
 
 import sdhj
 from sdhj import HJI, Dynamics, Grid, HopfLax, Projected, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.problem.sets import LARGEST
 from sdhj.solver.recursion import GridSets
 from sdhj.solving import METHODS, method_of
 
@@ -231,3 +232,39 @@ def test_an_option_that_is_not_there_says_where_it_is(make, says):
 def test_the_options_that_an_error_names_are_taken():
     assert HJI(scheme=sdhj.Scheme(order=3, cfl=0.5)).scheme.order == 3
     assert Projected(inner=HJI(scheme=sdhj.Scheme(order=3))).inner.scheme.order == 3
+
+
+MOVES = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]])
+SLOWED = lambda q, u: u - 0.1 * q  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("method", "drift"),
+    [
+        (sdhj.HJI(), SLOWED),
+        (sdhj.HJI(scheme=sdhj.Scheme(order=3, flux="lax-friedrichs")), SLOWED),
+        (sdhj.HJI(games="joint"), SLOWED),
+        (sdhj.HJI(), MOVES),
+        (sdhj.HopfLax(), MOVES),
+    ],
+    ids=["differences", "third order", "joint", "frame", "lax"],
+)
+def test_tubes_hang_on_no_magnitude_of_level_sets(method: object, drift: object) -> None:
+    """Bit for bit up to the largest that is supported, steep inside; overflow, not rounding, is what limits it."""
+
+    def tubes(scale: float) -> np.ndarray:
+        post = sdhj.UnsafeSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] + 1, p[:, 1]) - 0.4), sampling="steep")
+        problem = sdhj.ReachAvoidProblem(
+            sdhj.Grid([-2, -2], [2, 2], [21, 21], ends="wall"),
+            sdhj.Dynamics(MOVES, drift, np.eye(2), [0.03, 0.3]),
+            sdhj.TargetSet((0, 1), lambda p, t: scale * (np.hypot(p[:, 0] - 1, p[:, 1] - 0.8) - 0.6)),
+            [post],
+            0.25,
+            3,
+        )
+        return np.asarray(sdhj.solve(problem, method, play=False, progress=False).tubes, np.float64)
+
+    plain, most = tubes(1.0), 2.0 ** int(np.log2(LARGEST / 4))  # values up to 3.6
+    np.testing.assert_array_equal(tubes(most), plain * most)
+    with pytest.raises(ValueError, match="supports at most 1e\\+36; clip it"):
+        tubes(2 * most)

@@ -84,7 +84,7 @@ ARGUMENTS = {  # of methods that need some
 
 
 def arrays_of(name, thing, seen, depth=0):
-    """Every array and mapping within reach of public attributes and of what public methods return: (name, thing)."""
+    """Every array, mapping and list within reach of public attributes and of what methods return: (name, thing)."""
     if isinstance(thing, np.ndarray):
         yield name, thing
     elif isinstance(thing, Mapping):
@@ -92,6 +92,8 @@ def arrays_of(name, thing, seen, depth=0):
         for key in list(thing)[:20]:
             yield from arrays_of(f"{name}[{key!r}]", thing[key], seen, depth + 1)
     elif isinstance(thing, tuple | list) and not hasattr(thing, "_fields"):
+        if isinstance(thing, list):
+            yield name, thing
         for place, one in enumerate(thing[:4]):
             yield from arrays_of(f"{name}[{place}]", one, seen, depth + 1)
     elif type(thing).__module__.startswith("sdhj.") and id(thing) not in seen and depth < 6:
@@ -124,13 +126,17 @@ def needs(function, bound):
     return needed[bound:]
 
 
-def written_into(mapping):
-    """Whether a mapping lets itself be written."""
+def written_into(thing):
+    """Whether a mapping or list lets itself be written."""
     try:
-        mapping["written"] = 1
+        if isinstance(thing, list):
+            thing.append("written")
+            thing.pop()
+        else:
+            thing["written"] = 1
+            del thing["written"]
     except TypeError:
         return False
-    del mapping["written"]
     return True
 
 
@@ -169,7 +175,7 @@ def test_nothing_that_is_handed_out_can_be_written_through(name, tmp_path):
     for title, thing in things.items():
         first, second = list(arrays_of(title, thing, seen)), dict(arrays_of(title, thing, {}))
         for place, array in first:
-            if isinstance(array, Mapping):
+            if isinstance(array, Mapping | list):
                 if written_into(array) and second.get(place) is array:
                     kept_open.append(place)
                 continue
@@ -183,7 +189,7 @@ def test_nothing_that_is_handed_out_can_be_written_through(name, tmp_path):
     for array in batch:
         if isinstance(array, np.ndarray):
             array[...] = 1
-    assert not kept_open, kept_open
+    assert not kept_open, sorted({one.rsplit(".", 1)[-1] for one in kept_open})
     after = says(table, tmp_path)
     assert before == after and str(report) == counts and written > 10
 
@@ -274,7 +280,8 @@ def may_be_written(kind):
 
 def test_a_sealed_mapping_refuses_all_writes_and_is_copied_as_it_is():
     table = sdhj.solve(problem_of(), progress=False, play=False)
-    details = Sealed({"outer": {"inner": 1}, "list": [1]})
+    plain = {"outer": {"inner": 1}, "list": [1, [2], {"deep": [3]}], "pair": ([4], 5)}
+    details = Sealed(plain)
     writes = (
         lambda one: one.update(a=1),
         lambda one: one.pop("outer"),
@@ -284,13 +291,29 @@ def test_a_sealed_mapping_refuses_all_writes_and_is_copied_as_it_is():
         lambda one: one.__ior__({"a": 1}),
         lambda one: one.__delitem__("outer"),
         lambda one: one["outer"].__setitem__("inner", 2),
+        lambda one: one["list"].append(2),
+        lambda one: one["list"].__setitem__(0, 2),
+        lambda one: one["list"].__delitem__(0),
+        lambda one: one["list"].__iadd__([2]),
+        lambda one: one["list"].__imul__(2),
+        lambda one: one["list"].insert(0, 2),
+        lambda one: one["list"].remove(1),
+        lambda one: one["list"].reverse(),
+        lambda one: one["list"].sort(),
+        lambda one: one["list"].pop(),
+        lambda one: one["list"].clear(),
+        lambda one: one["list"][1].extend([2]),
+        lambda one: one["list"][2]["deep"].append(4),
+        lambda one: one["pair"][0].append(4),
     )
     for write in writes:
-        with pytest.raises(TypeError, match=r"read-only.*dict\(mapping\)"):
+        with pytest.raises(TypeError, match=r"read-only.*(dict|list)\(it\)"):
             write(details)
     for again in (pickle.loads(pickle.dumps(details)), copy.deepcopy(details), copy.copy(details)):
-        assert again == details == {"outer": {"inner": 1}, "list": [1]} and isinstance(again["outer"], Sealed)
-    assert type(details | {"a": 1}) is dict and json.loads(json.dumps(details)) == details
+        assert again == details == plain and isinstance(again["outer"], Sealed)
+        with pytest.raises(TypeError, match="read-only"):
+            again["list"].append(2)
+    assert type(details | {"a": 1}) is dict and json.loads(json.dumps(details)) == details | {"pair": [[4], 5]}
     for mapping in (table.details, table.problem.recipe, sdhj.arm_case_study(nodes=5).recipe["arguments"]):
         with pytest.raises(TypeError, match="read-only"):
             mapping["a"] = 1

@@ -354,9 +354,36 @@ def test_a_loop_falls_back_or_says_so():
     assert action.steps_to_go is None and not action.promised
     with pytest.raises(sdhj.NotAdmissible):
         controller.step([3.5], 0.5, fallback=False)
-    timed = sdhj.solve(toys.torus_problem(steps=2), EXACT, progress=False)
-    with pytest.raises(ValueError, match="is the last"):
-        Controller(timed).step([-1.0, 0.0], 0.4)
+
+
+@pytest.mark.parametrize("stays", [False, True], ids=["a target", "staying clear"])
+def test_at_the_last_step_a_loop_hears_whether_it_has_arrived(stays):
+    """The target is about (0.2 t - 1, 0): at step 2, after 0.4 s, (-0.92, 0) is in it and (2, 2) is not."""
+    problem = toys.torus_problem(steps=2)
+    problem = replace(problem, target=None) if stays else problem
+    problem = replace(problem, sensing=Sensing(rest=REST))
+    controller = Controller(sdhj.solve(problem, EXACT, progress=False))
+    inside = [2.0, 2.0] if stays else [-0.92, 0.0]
+    for k in (0, 1):
+        assert controller.step(inside, 0.2 * k).arrived == (not stays)
+    last = controller.step(inside, 0.4)
+    assert last.arrived and last.steps_to_go == 0 and last.step == 2 and not last.missed
+    assert last.input == REST and not last.promised
+    outside = [np.cos(0.8), np.sin(0.8)] if stays else [2.0, 2.0]  # in the obstacle
+    controller.step(inside, 0.0), controller.step(inside, 0.2)
+    for fallback in (True, False):
+        last = Controller(controller.table).step(outside, 0.4, fallback=fallback)
+        assert not last.arrived and last.steps_to_go is None and not last.promised
+    with pytest.raises(ValueError, match="time must be"):
+        controller.step(inside, 0.6)
+
+
+def test_a_prediction_makes_no_grid(monkeypatch):
+    """A loop at 1 kHz has no time to check a grid's numbers once more."""
+    controller = Controller(interval_tables(PLAYED)[0])
+    first = controller.predict([0.3], 1)
+    monkeypatch.setattr(Grid, "__init__", lambda *_: pytest.fail("a grid was made"))
+    assert controller.predict([0.3], 1).tolist() == first.tolist() and controller.step([0.3], 0.0).input >= 0
 
 
 @pytest.mark.parametrize("method", [sdhj.HJI(), sdhj.Certified(cells=[200])], ids=["hji", "certified"])

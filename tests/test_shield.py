@@ -10,6 +10,8 @@ import toys
 
 import sdhj
 from sdhj.certified import Certified
+from sdhj.simulation.adversaries import ADVERSARIES
+from sdhj.simulation.sensed import rollouts
 from sdhj.table.batches import Table
 from sdhj.table.beside import fallbacks
 from sdhj.table.controller import Controller
@@ -182,8 +184,13 @@ def test_filter_on_the_line_is_the_closed_form() -> None:
 
 @pytest.mark.parametrize("make", [toys.torus_table, line_certified, toys.interval_table])
 def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator) -> None:
-    """Against plain loops over what the table says, for indices and for commands, of one state and of many."""
+    """Against plain loops over what the table says, for indices and for commands, of one state and of many.
+
+    Of a table on a grid those that keep a third of a cell; where none does, the one of least margin.
+    """
     table = make()
+    reserve = 0.0 if table.proved else table.cell / 3
+    reserved = 0
     controller, inputs = Controller(table), table.problem.inputs
     states = rng.uniform(table.grid.lower, table.grid.upper, (200, table.grid.ndim))
     for step in range(table.steps):
@@ -196,8 +203,13 @@ def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator
             for m in range(200):
                 distances = np.sqrt(((inputs - meant[m]) ** 2).sum(axis=1))
                 safe, j = np.flatnonzero(batch.safe[m]), told.inputs[m]
+                kept = safe[batch.margins[m, safe] <= -reserve]
                 if safe.size:
-                    assert batch.safe[m, j] and distances[j] == distances[safe].min()
+                    reserved += kept.size < safe.size
+                    if kept.size:
+                        assert j in kept and distances[j] == distances[kept].min()
+                    else:
+                        assert j in safe and batch.margins[m, j] == batch.margins[m, safe].min()
                     assert told.promised[m] and not told.fallback[m]
                 else:
                     assert j == controller.fallback(states[m], step).input
@@ -211,6 +223,39 @@ def test_filter_gives_the_nearest_safe_input(make: Any, rng: np.random.Generator
                     assert alone.commands.shape == (inputs.shape[1],)
             assert told.changed.any() and not told.changed.all()
             assert told.fallback.any() and told.overruled.any()
+    assert (reserved > 0) == (not table.proved)
+
+
+def test_a_cell_of_the_value_is_the_gradient_s_in_any_units() -> None:
+    """Of a distance on nodes .05 m and .2 m apart that grows along (3, 4) / 5: hypot(.05 * .6, .2 * .8) m."""
+    for unit in (1.0, 1e-3, 1e3):
+        problem = sdhj.ReachAvoidProblem(
+            sdhj.Grid([-2 * unit, -2 * unit], [2 * unit, 2 * unit], [81, 21]),
+            sdhj.Dynamics([[0.0, 0.0]], [[0.0, 0.0]], np.eye(2), [0.0, 0.0]),
+            sdhj.TargetSet((0, 1), lambda p, t: 0.6 * p[:, 0] + 0.8 * p[:, 1]),
+            (),
+            0.1,
+            1,
+        )
+        cell = sdhj.solve(problem, play=False, progress=False).cell
+        assert cell == pytest.approx(np.hypot(0.05 * 0.6, 0.2 * 0.8) * unit, rel=1e-3)
+
+
+def test_a_random_policy_behind_the_arm_s_filter() -> None:
+    """Against the worst adversary; with no reserve 8.5 % are lost, and 2.2 % of the controller's own runs."""
+    problem = sdhj.arm_case_study(nodes=25)
+    table = sdhj.solve(problem, progress=False, play=False)
+    rng = np.random.default_rng(3)
+    states = rng.uniform(problem.grid.lower, problem.grid.upper, (40_000, 4))
+    states = states[table.contains(states) & (problem.target_value(states, 0.0) > 0)][:1500]
+
+    class Shielded(Controller):
+        def choose(self, batch: Any, before: Any = None) -> np.ndarray:
+            wanted = rng.integers(0, len(problem.inputs), len(batch.states))
+            return self.filter(batch.states, batch.step, wanted).inputs
+
+    outcomes, _ = rollouts(Shielded(table), states, ADVERSARIES["worst"], np.random.default_rng(1))
+    assert len(states) == 1500 and (outcomes != 0).mean() <= 0.025
 
 
 def test_of_inputs_with_one_command_the_index_is_kept() -> None:

@@ -276,7 +276,9 @@ def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
     def sampled(points, t):
         raise AssertionError("sampled")
 
-    with pytest.raises(MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes needs about .* GB.*fewer nodes"):
+    with pytest.raises(
+        MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes, before any tube, needs about .* GB.*fewer nodes"
+    ):
         sdhj.arm_case_study(nodes=1000)
     everywhere = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled))
     for nodes in (1000, 10**6):  # the product of the latter is more than 64 bits hold

@@ -338,7 +338,8 @@ class Loop:
         rows = self.alive
         states = np.hstack([self.reference[rows], self.full[rows, self.plant.pursuer]])
         states += np.array(self.sensing.error) * self.misleading(rows)
-        return {row: answer(self.controllers[row], state, k) for row, state in zip(rows, states, strict=True)}
+        now = k * self.table.problem.delta
+        return {row: self.controllers[row].step(state, now) for row, state in zip(rows, states, strict=True)}
 
     def misleading(self, rows: FloatArray) -> FloatArray:
         """Errors of a measurement, (M, 4), of size 1: a pursuer that chases seems farther off, others are anywhere."""
@@ -408,18 +409,6 @@ class Loop:
             start = start + length * along
         nearer = np.linalg.norm(found[0], axis=1) <= np.linalg.norm(found[1], axis=1)
         return np.where(nearer[:, None], *found)
-
-
-def answer(controller: Controller, measured: FloatArray, k: int) -> Action:
-    """What a control loop gets from a controller at step k. At the last one, where no input is left to choose, it may
-    still hear that it has arrived."""
-    problem = controller.problem
-    if k < problem.steps:
-        return controller.step(measured, k * problem.delta)
-    last = controller.last
-    assert last is not None
-    to_go = controller.steps_to_go(controller.predict(measured, last.input, k), k)
-    return replace(last, step=k, steps_to_go=to_go, promised=False)
 
 
 def films(seen: list[tuple[FloatArray, FloatArray]], steps: FloatArray) -> list[Film]:

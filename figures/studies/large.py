@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 
 import sdhj
 from sdhj import plotting
+from sdhj.certified.table import CertifiedTable
 from sdhj.cli import SEED, plainly
 from sdhj.kernels import FloatArray
 from sdhj.plotting.looks import writable_picture
@@ -331,7 +332,8 @@ def row(name: str, table: Table, seconds: float, runs: int, seed: int) -> str:
     share = table.fraction(start=0, within=table.steps)
     counts = judged(WORKED[name], table, promised(table, runs, seed), seed)
     lost = ", ".join(f"{way} {count}" for way, count in counts.items() if way != "reached") or "none"
-    shape = " x ".join(map(str, WORKED[name].cells if table.method == "certified" else table.grid.shape))
+    own = table.shape if isinstance(table, CertifiedTable) else table.grid.shape  # cells that are asked for are aligned
+    shape = " x ".join(map(str, own))
     told = name, table.method, shape, f"{seconds:.0f}", f"{share:.4f}", f"{counts.total():,}", lost
     return f"| {' | '.join(told)} |"
 

@@ -11,6 +11,7 @@ import html
 import inspect
 import io
 import json
+import threading
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -35,10 +36,11 @@ from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
-FRAMES = 7  # of a widget, on a page without a kernel
+FRAMES = 20  # of a control at most, on a page without a kernel
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
+DRAWING = threading.RLock()  # rcParams belong to all figures, and a kernel may answer two sliders in two threads
 
 
 def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes, dict[str, float | str]]:
@@ -47,7 +49,7 @@ def render(draw: Draw, figure: Figure, *data: Any, **values: Any) -> tuple[bytes
     `draw` takes a figure, or the only axes of one where its first argument is named "ax". Where it follows a slider
     write "n = 3", not "$n = 3$": to parse a formula takes longer than to draw it (`course.draw.slices.frame_live`).
     """
-    with style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
+    with DRAWING, style(), mpl.rc_context({"axes.titley": 1.0}):  # a given height saves the search for one
         figure.clear()
         first = next(iter(inspect.signature(draw).parameters))
         numbers = draw(figure.subplots() if first == "ax" else figure, *data, **values)
@@ -65,7 +67,7 @@ def _png(figure: Figure, said: str = "", **options: Any) -> bytes:
 
 def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str = "", **values: Any) -> None:
     """Show draw(figure or axes, *data, **values) once; `size` in inches, `alt` a description for screen readers."""
-    with style():
+    with DRAWING, style():
         figure = new_figure(*size)
     png, numbers = render(draw, figure, *data, **values)
     display(Image(data=png, format="png", alt=alt or _first_line(draw)))
@@ -75,7 +77,7 @@ def picture(draw: Draw, *data: Any, size: tuple[float, float] = WIDE, alt: str =
 
 def show(figure: Figure, alt: str = "picture") -> None:
     """Show a figure that is already drawn, with a description for screen readers."""
-    with style():
+    with DRAWING, style():
         display(Image(data=_png(figure, bbox_inches="tight"), format="png", alt=alt))
 
 
@@ -110,7 +112,8 @@ class Explorer:
 
     What `draw` refuses, by an exception of any kind, is told in words below the controls. The picture stays that of the
     last setting that could be drawn, turns grey, and names that setting. What a solve says that its grid does not see
-    is told beside the numbers. A value that comes back from the browser rounded is no new value.
+    is told beside the numbers. A value that comes back from the browser rounded is no new value. Whatever threads move
+    controls, one picture is drawn at a time, and the last one is of the newest setting.
 
     Parameters
     ----------
@@ -124,6 +127,10 @@ class Explorer:
         The picture can take longer than a moment: until it is there, the line below the controls says so.
     motion : str, optional
         The control that moves in the frames of the site; default the first that has two ends.
+    named : sequence of float
+        Values of that control which the text beside the widget speaks of: each has a frame.
+    process : str, optional
+        The control along which something happens, a run or a horizon: the site shows it as a loop.
     idle : callable (**values) -> names of controls, optional
         Those that play no part as the others stand: they are greyed.
 
@@ -147,14 +154,17 @@ class Explorer:
         slow: bool = False,
         alt: str = "",
         motion: str = "",
+        named: Sequence[float] = (),
+        process: str = "",
         idle: Callable[..., Collection[str]] = lambda **_: (),
     ) -> None:
         self.draw, self.controls, self.slow, self.alt, self.idle = draw, dict(controls), slow, alt, idle
         self.motion = motion or next((name for name, control in self.controls.items() if hasattr(control, "max")), "")
+        self.named, self.process = tuple(named), process
         self.numbers: dict[str, float | str] = {}
         self.error = ""
         self._picture: Any = None
-        with style():
+        with DRAWING, style():
             self.figure = LiveFigure(size, DPI)
         self._status = ipywidgets.HTML()
         self._asked = self._drawn = self.values
@@ -193,9 +203,13 @@ class Explorer:
         return self._unseen.get(tuple(self._asked.values()), "")
 
     def _changed(self, _change: Any) -> None:
-        if self.values == self._asked:
-            return
-        self._asked = self.values
+        with DRAWING:  # who has waited here finds the newest setting, or one that another thread has drawn meanwhile
+            if self.values != self._asked:
+                self._asked = self.values
+                self._answer()
+
+    def _answer(self) -> None:
+        """Draw what is asked for, or say why not."""
         self._rest()
         if self.slow:
             self._status.value = WORKING
@@ -245,23 +259,22 @@ class Explorer:
         said = f"still the picture of {self.shown_setting}"
         return Image(data=greyed(self.png, said), format="png", alt=f"{said}. {alt}")
 
-    def frames(self, most: int = FRAMES) -> Iterator[tuple[str, bytes, str]]:
-        """The value of the control that moves, the picture and what it says, from one end to the other.
+    def frames(self, name: str = "") -> Iterator[tuple[str, bytes, str]]:
+        """The value of a control, by default of the one that moves, the picture and what it says, from end to end.
 
         What is refused is left out. The controls and what is displayed are as before.
         """
-        control, picture = self.controls[self.motion], self._picture
-        first, step = control.value, getattr(control, "step", 1)
-        places = np.unique(np.round(np.linspace(0, round((control.max - control.min) / step), most)))
+        name = name or self.motion
+        control, picture = self.controls[name], self._picture
+        first = control.value
         self._picture = None
         try:
-            for place in places:
-                value = min(control.min + type(first)(place * step), control.max)
-                self.set(**{self.motion: value})
+            for value in places(control, self.named if name == self.motion else ()):
+                self.set(**{name: value})
                 if not self.error:
                     yield _number(value), self.png, _told(self.numbers)
         finally:
-            self.set(**{self.motion: first})
+            self.set(**{name: first})
             self._picture = picture
 
     def panel(self) -> Any:
@@ -310,22 +323,44 @@ def write_frames(folder: Path, stem: str, code: str) -> None:
 
     `code` says which code they are of.
     """
-    told = []
+    told: list[Any] = []
+    for old in folder.glob(f"{stem}-*.webp"):
+        old.unlink()
     for number, explorer in enumerate(SHOWN, 1):
-        values, pngs, said = zip(*explorer.frames(), strict=True)
-        pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
-        width, height = pictures[0].size
-        strip = PIL.Image.new("RGB", (width, height * len(pictures)))
-        for place, picture in enumerate(pictures):
-            strip.paste(picture, (0, place * height))
-        file = f"{stem}-{number}.webp"
-        few = strip.quantize(64, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
-        few.save(folder / file, lossless=True, quality=80)
-        control, at = explorer.controls[explorer.motion], _number(explorer.values[explorer.motion])
-        one = {"file": file, "size": [width, height], "control": control.description or explorer.motion, "at": at}
-        told.append(one | {"alt": explorer.alt or _first_line(explorer.draw), "values": values, "said": said})
+        for name in dict.fromkeys(filter(None, (explorer.motion, explorer.process))):
+            values, pngs, said = zip(*explorer.frames(name), strict=True)
+            file = f"{stem}-{number}-{name}.webp"
+            size = write_strip(folder / file, pngs)
+            control = explorer.controls[name]
+            one = {"widget": number, "file": file, "size": size, "control": control.description or name}
+            one |= {"at": _number(explorer.values[name]), "loop": name == explorer.process}
+            one["named"] = [_number(value) for value in explorer.named] if name == explorer.motion else []
+            told.append(one | {"alt": explorer.alt or _first_line(explorer.draw), "values": values, "said": said})
     text = json.dumps({"code": code, "widgets": told}, ensure_ascii=False, indent=1)
     (folder / f"{stem}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
+    """Write pictures one below the other; the size of one."""
+    pictures = [PIL.Image.open(io.BytesIO(png)).convert("RGB") for png in pngs]
+    width, height = pictures[0].size
+    strip = PIL.Image.new("RGB", (width, height * len(pictures)))
+    for place, picture in enumerate(pictures):
+        strip.paste(picture, (0, place * height))
+    few = strip.quantize(64, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
+    few.save(path, lossless=True, quality=80)
+    return width, height
+
+
+def places(control: Any, named: Sequence[float] = ()) -> list[Any]:
+    """At most FRAMES values of a slider: both ends, the value that it has, what is named, and others evenly between."""
+    kind, step = type(control.value), getattr(control, "step", 1)
+    last, at = round((control.max - control.min) / step), round((control.value - control.min) / step)
+    wanted = {0, last, at, *(round((value - control.min) / step) for value in named)}
+    stride = 1
+    while len(chosen := wanted | set(range(at % stride, last + 1, stride))) > FRAMES:
+        stride += 1
+    return [min(control.min + kind(place * step), control.max) for place in sorted(chosen)]
 
 
 def _on_its_step(control: Any) -> Any:
@@ -402,7 +437,9 @@ def step_sliders(table: Table) -> dict[str, Any]:
     }
 
 
-def agent_sliders(problem: ReachAvoidProblem, x: float = 0.24, y: float = 0.24) -> dict[str, Any]:
+def agent_sliders(problem: ReachAvoidProblem) -> dict[str, Any]:
+    """Where the agent is: a pursuer that leaves the arm a way, an evader that the arm can catch."""
+    x, y = (0.1, 0.18) if scene(problem).target is None else (0.24, 0.24)
     box = float(problem.grid.upper[2])
     name = scene(problem).agent
     return {"px": slider(f"{name} x (m)", -box, box, 0.01, x), "py": slider(f"{name} y (m)", -box, box, 0.01, y)}

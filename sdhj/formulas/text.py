@@ -4,7 +4,9 @@ Each line is one node, named by its number, with the numbers of its operands, wh
 hexadecimal, so nothing is rounded. The order follows from the graph alone, so equal graphs have equal texts.
 """
 
+import itertools
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -16,7 +18,7 @@ from sdhj.formulas.rules import RULES
 
 FORMAT = 1
 MOST_LINES = 100_000
-MOST_SHOWN = 400  # characters of a result as mathematics
+LONG = 120  # characters of mathematics, from which on a part of it gets a line of its own
 CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so much between processors at most
 
 
@@ -130,15 +132,18 @@ def _near(one: Any, other: Any) -> bool:
 
 
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
-    """Results as mathematics; what is used more than once, and is long, gets a letter and a line."""
+    """Results as mathematics, whole; what is used more than once, and is long, gets a letter and a line.
+
+    Where a result is long, its parts get numbers, "[1]", and a line each.
+    """
     order = ordered(outputs)
-    uses = {one: sum(arg is one for other in order for arg in other.args) for one in order} if len(order) < 500 else {}
+    uses = Counter(arg for one in order for arg in one.args)
     text: dict[Node, str] = {}
-    letters, lines = iter("abcdefghijklmnopqrs"), []
+    letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
-        binds = RULES[op].binds if len(text[arg]) > 1 else -1  # a letter
+        binds = -1 if text[arg] in named else RULES[op].binds
         return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"
 
     for one in order:
@@ -163,9 +168,11 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
         else:
             bars = one.op == "abs" and "|" not in given[0]
             text[one] = f"|{given[0]}|" if bars else f"{one.op}({', '.join(given)})"
-        if uses.get(one, 0) > 1 and len(text[one]) > 12 and (letter := next(letters, None)):
-            lines.append(f"{letter} = {text[one]}")
-            text[one] = letter
-        if len(text[one]) > MOST_SHOWN:
-            text[one] = f"{text[one][:MOST_SHOWN]}..."
+        name = next(letters, None) if uses[one] > 1 and len(text[one]) > 12 else None
+        if name is None and len(text[one]) > LONG and uses[one]:
+            name = f"[{next(numbers)}]"
+        if name is not None:
+            lines.append(f"{name} = {text[one]}")
+            named.add(name)
+            text[one] = name
     return [*lines, *(text[one] for one in outputs)]

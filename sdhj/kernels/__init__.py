@@ -1,6 +1,6 @@
 """All compiled code, and how it is compiled; it imports nothing of the rest."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, wraps
 from typing import Any, TypeVar
 
@@ -25,14 +25,16 @@ def read_only(value: T) -> T:
     return value
 
 
+def _refuse(self: Any, *_: Any, **__: Any) -> Any:
+    kind = "dict" if isinstance(self, dict) else "list"
+    raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
+
+
 class Sealed(dict[str, Any]):
-    """A mapping that cannot be written, nor the mappings in it; `dict(mapping)` is a copy that can."""
+    """A mapping that cannot be written, nor the mappings and lists in it; `dict(it)` is a copy that can."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        super().__init__({name: Sealed(one) if isinstance(one, Mapping) else one for name, one in given.items()})
-
-    def _refuse(self, *_: Any, **__: Any) -> Any:
-        raise TypeError("this mapping is read-only, as everything that is handed out; write to a copy, dict(mapping)")
+        super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
@@ -40,12 +42,33 @@ class Sealed(dict[str, Any]):
         return Sealed, (dict(self),)
 
 
+class SealedList(list[Any]):
+    """A list that cannot be written, nor the mappings and lists in it; `list(it)` is a copy that can."""
+
+    def __init__(self, given: Iterable[Any]) -> None:
+        super().__init__(map(unwritable, given))
+
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
+    pop = remove = clear = sort = reverse = _refuse
+
+    def __reduce__(self) -> Any:
+        return SealedList, (list(self),)
+
+
+def unwritable(value: Any) -> Any:
+    """The same, with mappings and lists that cannot be written, at every depth."""
+    if isinstance(value, Mapping):
+        return Sealed(value)
+    if type(value) is tuple:
+        return tuple(map(unwritable, value))
+    return SealedList(value) if isinstance(value, list) else value
+
+
 class kept(cached_property[T]):
-    """A `cached_property` whose arrays are read-only, and whose mapping is."""
+    """A `cached_property` whose arrays, mappings and lists are read-only."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
         def found(self: Any) -> Any:
-            value = read_only(function(self))
-            return Sealed(value) if isinstance(value, dict) else value
+            return unwritable(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

@@ -373,7 +373,7 @@ class VectorField:
     def each(self) -> dict[str, list[Any]]:
         """The formulas and black boxes under each input, by name."""
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
-        rows = [one.rows if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
+        rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
@@ -428,16 +428,16 @@ class VectorField:
         return bounds
 
     @cached_property
-    def extremes_of(self) -> list[Formula]:
+    def extremes_of(self) -> tuple[Formula, ...]:
         """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
         count = len(self.inputs)
-        return [Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count)]
+        return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
         """As `extremes`, where the disturbance enters linearly."""
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
-        return np.stack([drift - spread, drift + spread], axis=1)
+        return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
@@ -471,7 +471,7 @@ class VectorField:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
-            return np.sort(signs * ends, axis=0)
+            return np.sort(signs * ends, axis=0)  # obligation 2.30
         most = np.abs(ends).max(axis=0)
         return np.stack([-most, most])
 

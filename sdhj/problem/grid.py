@@ -7,7 +7,7 @@ functions, an intersection the maximum, a complement the negative.
 import math
 import reprlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -148,7 +148,8 @@ class Grid:
     def require_room(self, each: int = 0) -> None:
         """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
         if self.size > SMALL:
-            require(each * self.size or self.sampling_bytes, f"a grid of {' x '.join(map(str, self.shape))} nodes")
+            what = f"to sample a grid of {' x '.join(map(str, self.shape))} nodes, before any tube,"
+            require(each * self.size or self.sampling_bytes, what)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
         """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
@@ -271,6 +272,11 @@ class Grid:
             nodes = self.nodes(axis)
             out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
         return out
+
+    @cached_property
+    def walled(self) -> "Grid":
+        """The same nodes with walls at all ends."""
+        return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *kinds: str) -> Any:
         """States (..., ndim) clipped at the ends of these kinds, by default at walls."""

@@ -7,7 +7,7 @@ controller looks ahead, and the plant that the simulation integrates.
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import cached_property, partial, reduce
 from itertools import product
 from typing import Any
 
@@ -132,6 +132,11 @@ class Interval:
     @property
     def end(self) -> float:
         return self.begin + self.delta
+
+    @cached_property
+    def walled(self) -> "Interval":
+        """The same on a grid with walls at all ends, where predictions are clipped."""
+        return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 

@@ -23,9 +23,10 @@ from sdhj.problem.dynamics import Dynamics, VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.sampled import Sampled
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.sets import ANYWHERE, LARGEST, VIEW_TIMES, TargetSet, UnsafeSet
+from sdhj.problem.sets import ANYWHERE, VIEW_TIMES, TargetSet, UnsafeSet
 
 MOST_SAMPLED = 1_000_000  # steps of a problem
+MOST_DELTA = 1e15  # s
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class ReachAvoidProblem(Sampled):
         self._check_parts()
         self.grid.require_room(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
-        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LARGEST))
+        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
         if self.steps is not None:
             object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
         ndim = self.grid.ndim

@@ -25,7 +25,9 @@ STEEP = (
 )
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
-LARGEST = 1e15  # level-set value: beyond it squares of differences overflow in single precision
+# Level-set value. All arithmetic on the grid is homogeneous of degree 1 in it, so that rounding hangs on no magnitude;
+# only overflow does: sums of differences of third order are at most 16 times a value, which may be `STEEP`.
+LARGEST = 1e36
 
 
 @dataclass(frozen=True)

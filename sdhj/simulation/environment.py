@@ -42,7 +42,9 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     adversary : str or callable
         As for `sdhj.simulate`.
     shield : bool
-        Whether `Controller.filter` replaces actions that are not safe; if False, every action is applied as it is.
+        Whether `Controller.filter` replaces actions that are not safe, and on a grid those that are by less than a
+        third of a cell; if False, every action is applied as it is. With a certified table what it lets pass is proved,
+        else it is right up to the error of the grid.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """What a controller does beside selecting: predict, filter what others want, stay clear where nothing is promised."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Any
@@ -127,13 +127,13 @@ def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatA
     Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
     off the grid by more than its error is what is predicted.
     """
-    delay, grid = problem.sensing.delay, replace(problem.grid, ends=(("wall", "wall"),) * problem.grid.ndim)
+    delay, grid = problem.sensing.delay, problem.grid.walled
     measured = states_array("a measurement", measured, grid.ndim)
     states, most = grid.clipped(measured), np.array(problem.sensing.error) * (1 + 1e-9)
     off = (np.abs(measured - states) > most).any(axis=1, keepdims=True)
     if not delay:
         return np.where(off, measured, states)
-    interval, parts = replace(problem.interval(step), grid=grid), 1 if problem.dynamics.constant else STRIDES
+    interval, parts = problem.interval(step).walled, 1 if problem.dynamics.constant else STRIDES
     still = np.zeros((len(states), problem.dynamics.adversaries))
     for part in range(parts):
         t = problem.time(step) - delay * (1 - part / parts)

@@ -21,6 +21,7 @@ from sdhj.table.rules import RULES, Candidates, Rule
 
 CLOCK = 1e-9  # rounding of times, of the time and of an interval
 RESERVE = 2.0  # cells, besides that of the tube: what an input must keep, for ever, that is not the deepest one
+SHIELDED = 1 / 3  # cells: what an input must keep that the filter lets pass, where not all is for ever
 DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, that it must keep too
 
 
@@ -66,6 +67,11 @@ class Action:
     promised: bool
     late: float
     missed: bool
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the run is over: the state is in the target or, without one, clear with no step left."""
+        return self.steps_to_go == 0
 
 
 class Controller:
@@ -319,6 +325,11 @@ class Controller:
         NotAdmissible
         ValueError
             If measurement or time are invalid, if time does not increase from call to call, and after the last step.
+
+        Notes
+        -----
+        At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
+        (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
         """
         problem, steps = self.problem, self.table.steps
         most = np.inf if problem.timeless else (steps + 0.5) * problem.delta
@@ -346,10 +357,10 @@ class Controller:
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
-        if step == steps:
-            raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
         chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
-        if chosen == NOT_ADMISSIBLE:
+        if step == steps:
+            chosen = problem.sensing.rest
+        elif chosen == NOT_ADMISSIBLE:
             chosen = self.fallback(state, step).input if fallback else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
         self.carried = state, step
@@ -382,9 +393,12 @@ class Controller:
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
 
-        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. For
-        ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that the deepest
-        safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule "deepest".
+        An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
+        a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
+        input passes only if its margin is at most -`SHIELDED` * `Table.cell`; where none does, it is the one of least
+        margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that
+        the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule
+        "deepest".
 
         Parameters
         ----------
@@ -418,13 +432,17 @@ class Controller:
         distances = squared_distances(inputs, commands)  # (M, L)
         if index is not None:
             distances[rows, index] = -1.0  # before another input of the same command
-        if self.table.game < 0:
+        if self.table.proved:
             batch = self.table.answers(states, step, self.table.steps - step, distances)
             chosen = batch.best
         else:
-            batch = self.table.answers(states, step)
-            others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
-            chosen = self.table.preferred(batch, self._reserved(batch, others, 1.0))
+            batch = self.table.answers(states, step, self.table.steps - step)
+            if batch.game is None:
+                scores = np.where(batch.margins <= -SHIELDED * self.table.cell, distances, np.inf)
+            else:
+                others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
+                scores = self._reserved(batch, others, 1.0)
+            chosen = self.table.preferred(batch, scores)
         promised = batch.promised
         if (lost := chosen == NOT_ADMISSIBLE).any():
             chosen[lost] = fallbacks(self.table, batch.states[lost], step)[0]

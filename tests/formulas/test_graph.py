@@ -340,7 +340,7 @@ class Reader:
     """Mathematics as people read it: what stands side by side is multiplied first, then divided, then added."""
 
     def __init__(self, text, known):
-        self.words, self.known = re.findall(r"[a-z]+|[0-9.]+(?:e[+-]?[0-9]+)?|\S", text), known
+        self.words, self.known = re.findall(r"\[[0-9]+\]|[a-z]+|[0-9.]+(?:e[+-]?[0-9]+)?|\S", text), known
 
     def at(self, *words):
         return bool(self.words) and self.words[0] in words
@@ -420,6 +420,24 @@ def test_mathematics_reads_as_what_is_computed():
             last,
         )
     assert letters > 50
+
+
+def test_a_long_formula_is_shown_whole():
+    """In lines that fit a screen, each with a number that a later one names."""
+    node, known = abs_of_a_difference(0), {"x": np.float64(0.3), "y": np.float64(-1.7)}
+    for k in range(1, 60):
+        node = make("max", node, abs_of_a_difference(k))
+    *lines, last = shown([node], ["x", "y"])
+    assert len(lines) > 5 and max(map(len, [*lines, last])) < 300 and not any("..." in line for line in [*lines, last])
+    for line in lines:
+        number, _, text = line.partition(" = ")
+        known[number] = Reader(text, known).sum()
+    assert Reader(last, known).sum() == pytest.approx(max(abs(0.3 + 1.7 * (k + 2)) for k in range(60)))
+    assert all(f"{k + 2} y" in " ".join([*lines, last]) for k in range(60))
+
+
+def abs_of_a_difference(k):
+    return make("abs", make("sub", X, make("mul", constant(k + 2.0), Y)))
 
 
 def test_formulas_pickle():

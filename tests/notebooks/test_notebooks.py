@@ -5,6 +5,8 @@ That their numbers still come out is checked by running them: pytest --nbval-lax
 
 import base64
 import io
+import itertools
+import json
 import re
 import runpy
 from pathlib import Path
@@ -69,6 +71,41 @@ def test_every_chapter_has_its_parts(path: Path) -> None:
     pictures = [output for cell in cells for output in cell.outputs if "image/png" in output.get("data", {})]
     assert len(pictures) >= 2
     assert all(output.metadata["image/png"]["alt"] for output in pictures), f"{path.name} has a picture without words"
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_a_chapter_opens_with_its_question_and_a_picture(path: Path) -> None:
+    _, question, shown, said = read(path).cells[0].source.split("\n\n")[:4]
+    assert question.startswith("**Question.**") and re.fullmatch(rf"!\[.+\]\(gallery/{path.stem}\.png\)", shown)
+    assert len(f"{question} {said}".split()) <= 150 and len(said.split()) >= 20
+
+
+def strips(path: Path) -> list[Any]:
+    return json.loads(TOOL["frames_file"](path).read_text("utf-8"))["widgets"]
+
+
+@pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
+def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> None:
+    """The first setting and what is named; and numbers that stand beside the slider's name in the text around it."""
+    found, cells = strips(path), read(path).cells
+    shown = [
+        place for place, cell in enumerate(cells) if TOOL["WIDGET"].search(cell.source) and cell.cell_type == "code"
+    ]
+    assert [number for number, _ in itertools.groupby(strip["widget"] for strip in found)] == [
+        number + 1 for number in range(len(shown))
+    ]
+    for strip in found:
+        values, place = strip["values"], shown[strip["widget"] - 1]
+        assert {strip["at"], *strip["named"]} <= set(values) and 2 < len(values) <= 20, strip["file"]
+        around = " ".join(cell.source for cell in cells[place - 1 : place + 2] if cell.cell_type == "markdown")
+        for name in re.sub(r" \(.*\)", "", strip["control"]).split(", "):
+            said = re.findall(rf"\b(\d[\d.]*\d|\d) {name}|{name} of (\d+)", around)
+            assert {float(a or b) for a, b in said} <= set(map(float, values)), f"{strip['file']}: {name} {said}"
+
+
+@pytest.mark.parametrize("number", [2, 4, 7, 8, 11, 14])
+def test_a_chapter_about_a_process_shows_it_moving(number: int) -> None:
+    assert any(strip["loop"] for strip in strips(CHAPTERS[number - 1]))
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

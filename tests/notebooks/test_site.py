@@ -78,11 +78,12 @@ CUT = """() => {
 # Blocks of code, and of what it printed, that have to be scrolled sideways.
 SIDEWAYS = """() => [...document.querySelectorAll('main pre')].filter(pre => pre.scrollWidth > pre.clientWidth)
     .map(pre => pre.textContent.slice(0, 80))"""
-# What is wider than where it stands, the page itself among it, but for code, formulas and tables in boxes of their own.
+# What is wider than where it stands, the page itself among it, but for what scrolls in a box.
 TOO_WIDE = """() => [...document.querySelectorAll('html, body *')].filter(node => {
     const style = getComputedStyle(node);
     const clips = node.tagName === 'HTML' || !['visible', 'clip'].includes(style.overflowX);
-    const may = node.closest('pre, .math, mjx-container, .pst-scrollable-table-container, .indextable');
+    const boxes = 'pre, .math, mjx-container, .pst-scrollable-table-container, .indextable, .scrolls, .frames-box';
+    const may = node.closest(boxes);
     return clips && !may && style.textOverflow !== 'ellipsis' && node.scrollWidth > node.clientWidth + 1;
 }).map(node => `${node.tagName}.${node.className}`)"""
 
@@ -322,7 +323,7 @@ def test_each_chapter_links_its_notebook_and_every_link_has_an_address(site: Pat
         assert [tag for tag in empty if 'class="reference' in tag or "btn" in tag or "button" in tag] == [], path.name
 
 
-LARGEST = 150_000  # bytes of the frames of a widget
+LARGEST = 300_000  # bytes of the frames of a control
 
 
 @pytest.mark.browser
@@ -340,9 +341,69 @@ def test_widgets_move_on_the_site(site: Path) -> None:
                 figure, seen = figures.nth(place), set()
                 figure.scroll_into_view_if_needed()
                 slider = figure.locator("input")
+                assert slider.input_value() == str(widget["values"].index(widget["at"]))
                 for number, (value, said) in enumerate(zip(widget["values"], widget["said"], strict=True)):
                     slider.fill(str(number))
-                    assert figure.locator("output").inner_text() == f"{value}. {said}"
+                    assert figure.locator("b").inner_text() == value
+                    told = [": ".join(row.locator("td").all_inner_texts()) for row in figure.locator("tr").all()]
+                    assert "; ".join(told) == said
                     seen.add(figure.locator(".frames-window").screenshot())
                 assert len(seen) >= 3, f"{widget['file']} hardly moves"
+                picture, track = (figure.locator(part).bounding_box() for part in (".frames-window", "input"))
+                assert track["width"] > 0.85 * picture["width"], f"{widget['file']}: a short slider"
+            assert "Controls, live" not in page.locator("main").inner_text()
         assert len(list(frames.glob("*.json"))) == len(list((ROOT / "notebooks").glob("[0-9][0-9]_*.ipynb")))
+
+
+@pytest.mark.browser
+def test_a_loop_plays_until_a_reader_takes_it_and_not_for_those_who_ask_for_none(site: Path) -> None:
+    with served(site) as address, chromium() as page:
+        for wanted, moves in (("no-preference", True), ("reduce", False)):
+            page.emulate_media(reduced_motion=wanted)
+            page.goto(f"{address}/11_controller.html", wait_until="load")
+            figure = page.locator("figure.frames").nth(1)
+            assert json.loads(figure.get_attribute("data-told"))["loop"]
+            figure.scroll_into_view_if_needed()
+            slider = figure.locator("input")
+            first = slider.input_value()
+            page.wait_for_timeout(1500)
+            assert (slider.input_value() != first) is moves
+            slider.fill("2")
+            page.wait_for_timeout(800)
+            assert slider.input_value() == "2"
+            figure.locator("button").click()  # which plays it for anybody
+            page.wait_for_timeout(800)
+            assert slider.input_value() != "2"
+
+
+@pytest.mark.browser
+def test_code_is_copied_wide_pictures_scroll_and_tables_are_lists_on_a_telephone(site: Path) -> None:
+    with served(site) as address, chromium() as page:
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=address)
+        page.goto(f"{address}/site/recipes.html", wait_until="load")
+        code = page.locator("main div.highlight").first
+        code.locator("button.copy").click()
+        assert page.evaluate("() => navigator.clipboard.readText()") == code.locator("pre").inner_text()
+        page.set_viewport_size({"width": WIDTHS[0], "height": 1600})
+        page.goto(f"{address}/index.html", wait_until="load")
+        assert page.locator(".scrolls > img").first.bounding_box()["width"] == 640
+        rows = [row.bounding_box()["height"] for row in page.locator("table.listed tbody tr").all()]
+        assert len(rows) == 17 and max(rows) < 160
+        cell = page.locator("table.listed td[data-head=question]").first
+        assert "question" in cell.evaluate("cell => getComputedStyle(cell, '::before').content")
+
+
+def test_mentions_of_chapters_and_formulas_are_links(site: Path) -> None:
+    """But for those on the page itself: chapters without a link are its own, and numbers of formulas all have one."""
+    soup = pytest.importorskip("bs4").BeautifulSoup
+    linked = 0
+    for path in sorted(site.glob("[0-9][0-9]_*.html")):
+        article = soup(path.read_text("utf-8"), "html.parser").select_one("article")
+        for part in article.select("pre, code, h1, h2, h3, .math, .output, figure, details"):
+            part.decompose()
+        links = [link.extract().text for link in article.select("a")]
+        linked += sum(bool(re.search(r"[Cc]hapter|\(\d+\.\d+'?\)", link)) for link in links)
+        left = {int(number) for number in re.findall(r"[Cc]hapters? (\d+)", article.text)}
+        assert left <= {int(path.name[:2])}, path.name
+        assert not re.findall(r"\((?:1[0-7]|[1-9])\.\d{1,2}'?\)", article.text), path.name
+    assert linked > 200

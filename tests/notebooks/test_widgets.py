@@ -5,6 +5,8 @@ import io
 import json
 import subprocess
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,6 +14,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from course import widgets
@@ -539,21 +542,111 @@ def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
     explorer = widgets.Explorer(draw_share, {"share": slider(0.5)})
     before, values = explorer.png, explorer.values
     frames = list(explorer.frames())
-    assert [value for value, _, _ in frames] == ["0", "0.2", "0.3", "0.5", "0.7", "0.8"]  # 1.0 is refused
+    assert [value for value, _, _ in frames] == [f"{n / 10:g}" for n in range(9)]  # 0.9 and 1.0 are refused
     assert len({png for _, png, _ in frames}) == len(frames)
     assert all(said == f"share: {value}" for value, _, said in frames)
     assert (explorer.png, explorer.values, explorer.error) == (before, values, "")
 
 
+@pytest.mark.parametrize(
+    ("control", "named"),
+    [
+        (widgets.slider("cells", 20, 240, 1, 60), (61, 120, 121)),
+        (widgets.slider("step", 0.1, 1.5, 0.05, 0.75), (1.0,)),
+        (widgets.slider("shift", -0.2, 0.2, 0.01, 0.05), ()),
+        (widgets.slider("intervals", 1, 8, 1, 4), ()),
+        (widgets.angle("angle", 0.92), (0.3,)),
+    ],
+)
+def test_frames_hold_the_ends_the_first_setting_and_what_the_text_names(control: Any, named: Any) -> None:
+    found = widgets.places(control, named)
+    assert len(found) <= widgets.FRAMES and found == sorted(set(found))
+    for value in (control.min, control.max, control.value, *named):
+        assert min(abs(value - place) for place in found) < 1e-9
+    every = round((control.max - control.min) / control.step) + 1
+    assert len(found) == every or len(found) > widgets.FRAMES / 2  # as many as there is room for, or nearly
+
+
 def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    explorer = widgets.Explorer(draw_share, {"share": slider(0.5)}, size=(3.0, 2.0), alt="a line")
+    controls = {"share": slider(0.5), "moment": widgets.slider("moment", 0, 3, 1, 1)}
+    explorer = widgets.Explorer(
+        lambda figure, share, moment: draw_share(figure, share),
+        controls,
+        size=(3.0, 2.0),
+        alt="a line",
+        named=(0.3,),
+        process="moment",
+    )
     monkeypatch.setattr(widgets, "SHOWN", [explorer])
+    (tmp_path / "01_new-9-gone.webp").touch()  # of a widget that is no more
     widgets.write_frames(tmp_path, "01_new", "a hash")
     told = json.loads((tmp_path / "01_new.json").read_text("utf-8"))
-    (widget,) = told["widgets"]
-    width, height = widget["size"]
-    assert told["code"] == "a hash" and (widget["control"], widget["at"], widget["alt"]) == ("share", "0.5", "a line")
-    assert Image.open(tmp_path / widget["file"]).size == (width, height * len(widget["values"]))
+    share, moment = told["widgets"]
+    assert told["code"] == "a hash" and (share["control"], share["at"], share["alt"]) == ("share", "0.5", "a line")
+    assert share["named"] == ["0.3"] and {"0.3", "0.5"} < set(share["values"]) and not share["loop"]
+    assert moment["loop"] and moment["values"] == ["0", "1", "2", "3"] and moment["widget"] == share["widget"]
+    for strip in (share, moment):
+        width, height = strip["size"]
+        assert Image.open(tmp_path / strip["file"]).size == (width, height * len(strip["values"]))
+    assert sorted(path.name for path in tmp_path.glob("*.webp")) == sorted((share["file"], moment["file"]))
+
+
+def test_two_threads_move_one_slider_and_the_newest_setting_wins() -> None:
+    """As a kernel may that answers in two threads: no error, rcParams as before, the picture of where the slider is."""
+    drawing, most = [], []
+
+    def draw(figure: Any, share: float) -> dict[str, float]:
+        drawing.append(share)
+        most.append(len(drawing))
+        numbers = draw_share(figure, share)
+        time.sleep(0.002)  # in which the other thread would begin
+        drawing.pop()
+        return numbers
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
+    kept, errors = dict(mpl.rcParams), []
+
+    def move(values: Any) -> None:
+        for value in values:
+            explorer.set(share=value)
+            errors.append(explorer.error)
+
+    steps = [n / 10 for n in range(8)]
+    threads = [threading.Thread(target=move, args=(order,)) for order in (steps * 4, steps[::-1] * 4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(errors) == {""} and len(errors) == 64 and max(most) == 1
+    assert dict(mpl.rcParams) == kept
+    shown = explorer.values["share"]
+    assert explorer.numbers == {"share": shown} and f"share: {shown:g}" in explorer._status.value
+    np.testing.assert_array_equal(pixels(explorer.png), drawn_anew(explorer))
+
+
+def test_a_setting_that_comes_while_another_is_drawn_is_drawn_next() -> None:
+    """Of three that come meanwhile only the last."""
+    begun, go_on, drawn = threading.Event(), threading.Event(), []
+
+    def draw(figure: Any, share: float) -> dict[str, float]:
+        drawn.append(share)
+        if share == 0.1:
+            begun.set()
+            assert go_on.wait(20)
+        return draw_share(figure, share)
+
+    explorer = widgets.Explorer(draw, {"share": slider(0.5)})
+    moves = [threading.Thread(target=explorer.set, kwargs={"share": value}) for value in (0.1, 0.2, 0.3, 0.4)]
+    moves[0].start()
+    assert begun.wait(20)
+    for value, thread in zip((0.2, 0.3, 0.4), moves[1:], strict=True):
+        thread.start()
+        while explorer.controls["share"].value != value:
+            time.sleep(0.001)
+    go_on.set()
+    for thread in moves:
+        thread.join()
+    assert drawn == [0.5, 0.1, 0.4] and explorer.numbers == {"share": 0.4}
 
 
 def test_a_slice_says_what_its_lines_mean(arm: LookupTable) -> None:

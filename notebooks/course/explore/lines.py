@@ -56,4 +56,11 @@ def explore_line(certify: Callable[..., Claims], post: Callable[[Any], Any]) -> 
         "cells": slider("cells", 20, 240, 1, 60),
         "wind": slider("wind, at most (1/100)", 0, 80, 5, 20),
     }
-    return Explorer(draw, controls, size=(6.4, 3.2), alt="Certified cells of a line at steps 0 to 4", motion="cells")
+    return Explorer(
+        draw,
+        controls,
+        size=(6.4, 3.2),
+        alt="Certified cells of a line at steps 0 to 4",
+        motion="cells",
+        named=(61, 120, 121),
+    )

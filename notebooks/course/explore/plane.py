@@ -52,7 +52,7 @@ def explore_interval(nodes: int = 49) -> Explorer:
         "y": slider("start y (m)", -0.5, 0.8, 0.02, 0.2),
     }
     alt = "Reach-avoid set of one interval with runs against many winds"
-    return Explorer(draw, controls, size=(6.6, 4.2), slow=True, alt=alt, motion="wind")
+    return Explorer(draw, controls, size=(6.6, 4.2), slow=True, alt=alt, motion="wind", process="hold")
 
 
 def explore_holding(nodes: int = 41) -> Explorer:
@@ -116,7 +116,9 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
         "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": slider("start, step k", 0, 4, 1, 0),
     }
-    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max")
+    return Explorer(
+        draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max", process="start"
+    )
 
 
 def explore_car(table: Table) -> Explorer:

@@ -61,7 +61,9 @@ def explore_run(
     def idle(adversary: str, **_: Any) -> tuple[str, ...]:
         return () if adversary == "random" else ("seed",)  # the others draw nothing
 
-    return Explorer(draw, controls, size=(8.2, 3.7), alt="One moment of a run", motion="moment", idle=idle)
+    return Explorer(
+        draw, controls, size=(8.2, 3.7), alt="One moment of a run", process="moment", motion="moment", idle=idle
+    )
 
 
 def _closest(problem: ReachAvoidProblem, played: Any) -> FloatArray:
@@ -145,4 +147,4 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
         "moment": played(slider("progress of the run (%)", 0, 100, 4, 48)),
     }
     alt = "A run with the pursuer where you send it, and its table row"
-    return Explorer(draw, controls, size=(6.4, 4.1), alt=alt, motion="moment")
+    return Explorer(draw, controls, size=(6.4, 4.1), alt=alt, motion="moment", process="moment")

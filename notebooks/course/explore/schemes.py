@@ -11,9 +11,9 @@ from sdhj.solver.schemes import Scheme
 def explore_upwinding() -> Explorer:
     """A profile carried along a line with left, central or right differences and a time step of your choice."""
 
-    def draw(figure: Figure, difference: str, cfl: float, nodes: int, velocity: float) -> Numbers:
+    def draw(figure: Figure, difference: str, cfl: float, nodes: int, velocity: float, duration: float) -> Numbers:
         with np.errstate(over="ignore"):
-            profile = carry(difference, cfl=cfl, nodes=nodes, velocity=velocity)
+            profile = carry(difference, cfl=cfl, nodes=nodes, velocity=velocity, duration=duration)
         draw_profile(figure.subplots(), profile)
         return {"time steps": profile.steps, "largest error (m)": profile.error}
 
@@ -22,9 +22,10 @@ def explore_upwinding() -> Explorer:
         "cfl": slider("step, CFL number", 0.1, 1.5, 0.05, 0.75),
         "nodes": slider("nodes", 20, 160, 10, 80),
         "velocity": slider("velocity (m/s)", -1.0, 1.0, 0.25, 1.0),
+        "duration": slider("carried for (s)", 0.0, 0.8, 0.05, 0.4),
     }
     alt = "A hat-shaped profile, where it should be and where it is computed to be"
-    return Explorer(draw, controls, size=(7.0, 3.2), alt=alt, motion="cfl")
+    return Explorer(draw, controls, size=(7.0, 3.2), alt=alt, motion="cfl", named=(1.0,), process="duration")
 
 
 def explore_schemes() -> Explorer:

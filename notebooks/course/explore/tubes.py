@@ -32,7 +32,7 @@ def explore_tube(table: Table) -> Explorer:
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
     }
-    return Explorer(draw, controls, size=TALL, alt="A slice of the tube beside the arm", motion="px")
+    return Explorer(draw, controls, size=TALL, alt="A slice of the tube beside the arm", motion="px", process="within")
 
 
 def explore_pursuer(table: Table) -> Explorer:
@@ -107,7 +107,7 @@ def explore_surface(tables: Mapping[str, Table]) -> Explorer:
         return {f"share of the box inside, {name}": body(name, py).share for name in tables}
 
     controls = {
-        "azimuth": played(slider("from the side (degrees)", -180, 180, 6, -58), interval=150),
+        "azimuth": played(slider("from the side (degrees)", -180, 180, 6, -60), interval=150),
         "elevation": slider("from above (degrees)", -90, 90, 6, 24),
         "py": slider("pursuer y (m)", -0.36, 0.36, 0.01, 0.24),
     }
@@ -145,7 +145,7 @@ def explore_evader(nodes: int = 25, method: str = "hji") -> Explorer:
         "v_e": slider("evader's speed (m/s)", 0.0, 0.6, 0.05, 0.1, live=False),
         "v_d": slider("disturbance (rad/s)", 0.0, 2.0, 0.1, 0.3, live=False),
         "radius": slider("evader's radius (m)", 0.05, 0.1, 0.01, 0.06, live=False),
-        **agent_sliders(problem, 0.1, 0.18),
+        **agent_sliders(problem),
     }
     alt = "A slice of the tube of the evader game"
     return Explorer(draw, controls, size=TALL, slow=True, alt=alt, motion="v_e")

@@ -33,7 +33,8 @@ class Claim:
         return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:
-        verdict = "proved" if self.failed == 0 else f"{self.failed:,} NOT proved"
+        held = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
+        verdict = held if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
         line = f"{self.name}: {self.checked:,} of {self.made:,} checked{edge}, {verdict}"
         return "\n".join([line, *(f"    {failure}" for failure in self.failures[:SHOWN])])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from large import CATCH, REACH, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised
+from large import CATCH, REACH, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised, row
 
 import sdhj
 
@@ -48,6 +48,12 @@ def test_the_tip_of_the_arm_is_where_its_links_end(rng: np.random.Generator) -> 
     q = rng.uniform(-3, 3, (300, 5))
     tip = REACH / 3 * np.exp(1j * np.cumsum(q[:, :3], axis=1)).sum(axis=1)
     np.testing.assert_allclose(ArmPursued(3, 1).target(q, 0.0), abs(tip - complex(*TIP)) - TIP_RADIUS, atol=1e-14)
+
+
+def test_a_row_prints_the_cells_that_there_are() -> None:
+    """An interval turns the car by .6 rad: of 24 cells along its heading that are asked for there are 21 of .3 rad."""
+    table = sdhj.solve(WORKED["car"].problem(9), sdhj.Certified(cells=(8, 8, 24, 2, 2)), progress=False, play=False)
+    assert row("car", table, 1.0, 0, 0).split(" | ")[1:3] == ["certified", "8 x 8 x 21 x 2 x 2"]
 
 
 @pytest.mark.slow
