@@ -142,7 +142,7 @@ def test_problems_refuse(change, named):
         (([1.0], [[1.0]], [[1.0]], [0.1]), "inputs"),
         (([["fast"]], [[1.0]], [[1.0]], [0.1]), "inputs must be real numbers"),
         (([[1.0]], [[1.0]], [[1.0]], [0.1j]), "bounds must be real numbers.*complex"),
-        ((np.zeros((300, 1)), np.zeros((300, 1)), [[1.0]], [0.1]), "256"),
+        ((np.zeros((70_000, 1)), np.zeros((70_000, 1)), [[1.0]], [0.1]), "65536"),
     ],
 )
 def test_dynamics_refuse(arguments, named):
