@@ -759,7 +759,7 @@ def test_ranges_hold_whatever_the_disturbance(name, rng):
         lower, upper = (
             end.reshape(2, *end.shape[1:] or (1, 1)) for end in (toys.ends_of(field)[0], toys.ends_of(field)[1])
         )
-        assert (lower <= there).all() and (there <= upper).all() and not field.coupled
+        assert (lower <= there).all() and (there <= upper).all() and field.coupled == dynamics.is_cut
 
 
 def bent_problem(name):

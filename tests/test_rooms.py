@@ -1,10 +1,9 @@
-"""The shape of the house: where imports may stand and point, functions that fit on a screen, one thing a name."""
+"""The shape of the house: where imports may stand and point, and functions that fit on a screen."""
 
 import ast
 import tomllib
 from collections.abc import Iterator
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -16,19 +15,6 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["sdhj"]["optional"]
 COMPILERS = {"kernel", "njit"}
 SCREEN = 45  # lines of a function at most, but for its docstring
-# Names that two files may share: the checker has its own, as it imports nothing of what it checks.
-TWICE = {"Array", "KINEMATICS", "ONE", "STRIDES", "main", "command", "EXACT", "PI", "TURNS", "farthest", "widened"}
-TWICE |= {
-    "mod",
-    "power",
-    "tan",
-    "LARGEST",
-    "TINY",
-    "TURN",
-    "WHERE",
-    "OPERATIONS",
-}  # of values, of intervals, and of graphs
-TWICE |= {"RULES", "Rule"}  # by which a controller selects, and of formulas
 
 
 @cache
@@ -144,23 +130,3 @@ def test_kernels_take_few_arguments() -> None:
         for path, one in kernels
     }
     assert {name: count for name, count in counts.items() if count > 8} == {}
-
-
-def defined(path: Path) -> Iterator[str]:
-    """Public names that a file defines at its top: functions, classes, constants."""
-    for node in tree(path).body:
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            names = [node.name]
-        else:
-            targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-            names = [name.id for target in targets if target for name in ast.walk(target) if isinstance(name, ast.Name)]
-        yield from (name for name in names if not name.startswith("_"))
-
-
-@pytest.mark.parametrize("own", [True, False], ids=["the checker", "the rest"])
-def test_one_name_means_one_thing(own: bool) -> None:
-    """No two public functions, classes or constants of one name; the checker shares no code, so it has its own."""
-    files = [path for path in FILES if ("check" in path.relative_to(PACKAGE).parts) == own]
-    pairs = sorted((name, str(path.relative_to(PACKAGE))) for path in files for name in set(defined(path)))
-    shared = {name: [file for _, file in group] for name, group in groupby(pairs, key=lambda pair: pair[0])}
-    assert {name: files for name, files in shared.items() if len(files) > 1 and name not in TWICE} == {}

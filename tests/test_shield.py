@@ -250,7 +250,7 @@ def test_a_random_policy_behind_the_arm_s_filter() -> None:
     states = states[table.contains(states) & (problem.target_value(states, 0.0) > 0)][:1500]
 
     class Shielded(Controller):
-        def choose(self, batch: Any) -> np.ndarray:
+        def choose(self, batch: Any, before: Any = None) -> np.ndarray:
             wanted = rng.integers(0, len(problem.inputs), len(batch.states))
             return self.filter(batch.states, batch.step, wanted).inputs
 

@@ -48,6 +48,7 @@ class Bounds:
         dynamics, grid = self.problem.dynamics, self.problem.grid
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
+        # obligation 2.22
         return _within(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
 
     def fastest(
@@ -80,6 +81,7 @@ class Bounds:
         """
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
+        # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
         for at in _some(np.arange(out.size)):
@@ -116,7 +118,7 @@ class Bounds:
                 low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
                 low[middle.size :, axis] = high[: middle.size, axis] = middle
         known = np.ones(above.size, np.bool_)
-        known[box] = False
+        known[box] = False  # obligation 9.2
         return known * (above.astype(np.int8) - below)
 
 
@@ -147,7 +149,7 @@ def _within(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, 
         found: Any = [np.asarray(end) for end in bounded(*cut[:, :count])]
         if count > size:
             first = np.searchsorted(rows[:count], np.arange(size))
-            found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)
+            found = np.minimum.reduceat(found[0], first), np.maximum.reduceat(found[1], first)  # obligation 4.37
         out = out if begin else np.empty((2, len(low), *found[0].shape[1:]))
         out[0, begin : begin + size], out[1, begin : begin + size] = found
     return out

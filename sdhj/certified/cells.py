@@ -80,7 +80,7 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
     """An interval that holds the period upper - lower; a point where both ends are short decimals."""
     period = exact(upper) - exact(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
-    doubt = Fraction(0) if short else period / 2**49
+    doubt = Fraction(0) if short else period / 2**49  # obligation 1.4
     return period - doubt, period + doubt
 
 
@@ -136,7 +136,7 @@ class CellAxis:
             the ends of a bounded axis it is clipped.
         """
         cell = np.arange(self.count)
-        first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))
+        first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))  # obligation 2.23
         if not self.periodic:
             first, last = (np.clip(end, 0, self.count - 1) for end in (first, last))
         return first % self.count, np.minimum(last - first + 1, self.count)
@@ -150,13 +150,14 @@ class CellAxis:
         width, drift = float(self.width), DRIFT * self.scale
         if any(self.layers):
             return self._moved_to_walls(cell, low + drift, high - drift)
-        if not known or not self.periodic:
-            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)
+        if not known or not self.periodic:  # obligation 2.20
+            first, last = np.floor((low + drift) / width), np.ceil((high - drift) / width)  # obligation 2.19
             return _counted(first), _counted(np.maximum(last, first))
         length, edges = float(sum(self.extent) / 2), self.edges() - float(self.lower)
         begin, end = edges[cell] + low + drift, edges[cell + 1] + high - drift
         laps = np.floor(begin / length), np.floor(end / length)
         first = laps[0] * self.count + np.minimum(np.floor((begin - laps[0] * length) / width), self.count - 1)
+        # obligation 2.24
         last = laps[1] * self.count + np.minimum(np.ceil((end - laps[1] * length) / width), self.count) - 1
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
@@ -165,12 +166,12 @@ class CellAxis:
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
         begin, end = edges[cell] + low, edges[cell + 1] + high
-        a, b = np.floor(begin / width) + lower, np.ceil(end / width) - 1 + lower
+        a, b = np.floor(begin / width) + lower, np.ceil(end / width) - 1 + lower  # obligation 2.3
         b = np.maximum(a, b)
         if lower:
-            a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))
+            a, b = (np.where(end <= 0.0, 0, np.maximum(one, 1)) for one in (a, b))  # obligation 2.1
         if upper:
-            a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))
+            a, b = (np.where(begin >= length, last, np.minimum(one, last - 1)) for one in (a, b))  # obligation 2.2
         return _counted(a - cell), _counted(b - cell)
 
 
@@ -200,6 +201,7 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     """
     grid, sensing = problem.grid, problem.sensing
     known = not (np.any(sensing.error) or sensing.delay) and problem.dynamics.reads[:, axis].any()
+    # obligation 1.3
     lower, upper = (int(known and end == "wall" and not grid.periodic[axis]) for end in grid.ends[axis])
     return lower, upper
 
@@ -267,7 +269,7 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
         return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
     error = np.broadcast_to(np.array(sensing.error), (problem.grid.ndim,))[axis]
-    return measured(error) + measured(sensing.delay) * (fast - slow) / 2
+    return measured(error) + measured(sensing.delay) * (fast - slow) / 2  # obligation 10.1
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
@@ -278,7 +280,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.memory
     off = 0 if memory else 2 * unknown(problem, axis)
     late = 2 * measured(problem.sensing.jitter)
-    spans = measured(problem.delta) - late, measured(problem.delta) + late
+    spans = measured(problem.delta) - late, measured(problem.delta) + late  # obligation 10.8
     return min(slow * span for span in spans) - off, max(fast * span for span in spans) + off
 
 

@@ -30,6 +30,7 @@ from sdhj.problem.sets import UnsafeSet
 from sdhj.table.files import stored
 
 NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
+# obligation 4.4
 MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK and room for rounding, some 1e-15
 
 
@@ -52,14 +53,14 @@ def lattice_of(
     pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(part.axes)] < pitch, sway[list(part.axes)], 0.0)
     scale = np.array([axes[axis].scale for axis in part.axes])
-    wider = sway + MARGIN_OF_BOXES * scale
+    wider = sway + MARGIN_OF_BOXES * scale  # obligation 4.3
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
-    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]
-    sums, some = [], [bounds.signs(part, low, high, span) <= 0 for span in times]
-    for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:
+    high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
+    sums, some = [], [bounds.signs(part, low, high, span) <= 0 for span in times]  # obligation 4.2
+    for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
-            meets = np.concatenate([meets, meets], axis=k)
+            meets = np.concatenate([meets, meets], axis=k)  # obligation 4.5
         counted = np.pad(meets, [(1, 0)] * sizes.size).astype(np.int32)
         for k in range(sizes.size):
             np.cumsum(counted, axis=k, out=counted)
@@ -208,16 +209,16 @@ class GeneralProof(Images):
         still = np.full(self.clear.shape[1], 255, np.uint8)
         room = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("unsafe"))
-        if np.isfinite(faces).any():
-            faces += np.stack([-room, room])
+        if np.isfinite(faces).any():  # obligation 4.12
+            faces += np.stack([-room, room])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
             self._once(still, ends, lambda bits, some: strike_ends(bits, tubes, places, faces, bit, some))
-        for known in (one for one in lattices if len(one) == 1):
+        for known in (one for one in lattices if len(one) == 1):  # obligation 4.9
             self._met(still, tubes, places, known[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
-            for known in (one for one in lattices if len(one) > 1):
-                self._met(clear, tubes, places, known[step], bit)
+            for known in (one for one in lattices if len(one) > 1):  # obligation 4.10
+                self._met(clear, tubes, places, known[step], bit)  # obligation 4.11
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
@@ -230,7 +231,7 @@ class GeneralProof(Images):
         Cells are in lines along the last of `axes` on which cells at a place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
-        alike[axes] = False
+        alike[axes] = False  # obligation 4.15
         counts, some = self.layout.counts, (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
@@ -259,9 +260,10 @@ class GeneralProof(Images):
                 out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
                 continue
             out.append([])
-            for begin in map(self.problem.time, range(self.problem.steps)):
+            for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
+                # obligation 4.7
                 cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-                times = [(t0 - late, t1 + late) for t0, t1 in cuts]
+                times = [(t0 - late, t1 + late) for t0, t1 in cuts]  # obligation 4.8
                 out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps, sway))
         return out
 
@@ -270,13 +272,14 @@ class GeneralProof(Images):
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
-        problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()
+        problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()  # obligation 9.5
+        # obligation 9.6
         times = self._always if self.timeless else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for part in problem.unsafe:
             if part.moving:
-                out &= self.over_cells(part, times) > 0
+                out &= self.over_cells(part, times) > 0  # obligation 9.4
         if not problem.stays:
-            out &= self.over_cells(problem.target, times) < 0
+            out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
         return to_words(out.reshape(-1, self.axes[-1].count))
 
     @kept
@@ -285,7 +288,7 @@ class GeneralProof(Images):
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         for part in self.problem.unsafe:
             if not part.moving:
-                out &= self.over_cells(part, self._always) > 0
+                out &= self.over_cells(part, self._always) > 0  # obligation 9.3
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:

@@ -64,7 +64,7 @@ def unsure(problem: ReachAvoidProblem) -> FloatArray:
     spread, box = _spread(problem), error
     for _ in range(GUESSES):
         wider = (error + sensing.delay * spread(box)) * ROUNDED
-        if (wider <= box).all():
+        if (wider <= box).all():  # obligation 10.2
             return wider
         box = wider * (1 + 1e-3) + 1e-12 * np.maximum(np.abs(problem.grid.lower), np.abs(problem.grid.upper))
         if not (box < np.subtract(problem.grid.upper, problem.grid.lower)).all():
@@ -82,10 +82,11 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     size = np.subtract(grid.upper, grid.lower) / pieces
     low, high = grid.lower + corners * size, grid.lower + (corners + 1) * size
     strides: list[tuple[float, float]] = []
-    for step in range(problem.steps if timed else 1):
+    for step in range(problem.steps if timed else 1):  # obligation 10.6
         strides += itertools.pairwise((problem.time(step) - delay * np.arange(STRIDES, -1, -1) / STRIDES).tolist())
-    tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))
+    tasks = list(itertools.product(range(len(problem.inputs)), strides if timed else strides[:1]))  # obligation 10.7
     fastest, stride = (disturbed.velocity(j, low, high, *times) for j, times in tasks), delay / STRIDES * ROUNDED
+    # obligation 10.4
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
@@ -97,8 +98,8 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     slow, fast = near(Bounds(calm), 0.0)
 
     def spread(box: FloatArray) -> FloatArray:
-        least, most = near(disturbed, box)
-        return np.maximum(most - slow, fast - least).max(axis=(0, 1))
+        least, most = near(disturbed, box)  # obligation 10.3
+        return np.maximum(most - slow, fast - least).max(axis=(0, 1))  # obligation 10.5
 
     return spread
 
@@ -175,9 +176,10 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     """
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for place, axis in enumerate(axes):
+        # obligation 1.1
         own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
         steady = is_steady(problem, place) and (problem.dynamics.constant or not problem.sensing)
-        own[place] |= not steady and "wall" in problem.grid.ends[place] and not axis.periodic
+        own[place] |= not steady and "wall" in problem.grid.ends[place] and not axis.periodic  # obligation 1.2
     return own
 
 
@@ -281,7 +283,7 @@ class Images(Proof):
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
         if self.strides[-1] or np.isfinite(self.past).any() or far > count:
             return following
-        margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"
+        margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"  # obligation 3.6
         return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
     def fill(self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray], None]) -> None:
@@ -291,7 +293,7 @@ class Images(Proof):
 
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
-            return places, self.reached(places, j, self.problem.time(start), pieces)
+            return places, self.reached(places, j, self.problem.time(start), pieces)  # obligation 2.13
 
         with (
             tqdm(total=len(work), desc="intervals", leave=False, disable=hidden(progress)) as bar,
@@ -315,7 +317,7 @@ class Images(Proof):
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
             start[0, :, k] = grid.lower[k] if carried[k] else axis.edges()[own] - self.shell[k]
-            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + self.shell[k]
+            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + self.shell[k]  # obligation 2.21
         return self.swept(start, j, time, pieces)
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
@@ -325,33 +327,35 @@ class Images(Proof):
         carried along a cell begins as a point and the velocity is bounded wherever it may be.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
+        # obligation 2.6
         tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.unsure)
-        length, early = self.problem.sensing.hold(self.problem.delta)
+        length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
-            tube = [moved[0], moved[1]]
+            tube = [moved[0], moved[1]]  # obligation 2.28
             cuts = [length * at / (self.parts * pieces) for at in range(part * pieces, (part + 1) * pieces + 1)]
             if part == 0 and self.layered:
                 cuts.insert(1, length * BESIDE_LAYER)
             if cuts[0] < soonest < cuts[-1]:
                 cuts = sorted({*cuts, soonest})
             for begin, end in itertools.pairwise(cuts):
-                after = self._piece(start, moved, before, j, (time + begin, time + end))
-                if begin >= soonest:
+                after = self._piece(start, moved, before, j, (time + begin, time + end))  # obligation 2.12
+                if begin >= soonest:  # obligation 2.11
                     ends.append(moved)
                 moved, before = after, after - moved  # what a piece added is a good guess for the next
-                tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]
+                tube = [np.minimum(tube[0], moved[0]), np.maximum(tube[1], moved[1])]  # obligation 4.14
             tubes[:, part, :, 0], tubes[:, part, :, 1] = tube
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
+        # obligation 2.7
         last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.unsure
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
         """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing."""
-        last = last - SIDES * self.unsure
+        last = last - SIDES * self.unsure  # obligation 2.8
         low, high = start + last
-        return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)
+        return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)  # obligation 2.9
 
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
@@ -359,13 +363,13 @@ class Images(Proof):
         """What the ends of boxes, moved by `moved`, have moved by at the end of a piece: all (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, room = self._room(start, moved, before, j, times, h)
-        velocity = self.bounds.velocity(j, room[0], room[1], *times)
+        velocity = self.bounds.velocity(j, room[0], room[1], *times)  # obligation 2.25
         fastest = velocity.copy()
         for axis in np.flatnonzero(np.diag(self.problem.dynamics.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
                 face = room.copy()
                 narrow_to_face(ends, velocity, h, side, axis, self.shell[axis], face)
-                fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)
+                fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)  # obligation 2.17
         after = moved.copy()
         move_on(after, fastest, h)
         return self._held(start, after)
@@ -382,11 +386,11 @@ class Images(Proof):
         carried, (ends, room, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_room(start, moved, before, carried, self.shell, ends, room)
         for _ in range(TRIES):
-            velocity = self.bounds.velocity(j, room[0], room[1], *times)
+            velocity = self.bounds.velocity(j, room[0], room[1], *times)  # obligation 2.26
             if sweep(ends, velocity, h, carried, self.shell, room, out):
                 if self.layered:
-                    out[0] = np.where(~carried & (velocity[0] >= 0.0), ends[0], out[0])
-                    out[1] = np.where(~carried & (velocity[1] <= 0.0), ends[1], out[1])
+                    out[0] = np.where(~carried & (velocity[0] >= 0.0), ends[0], out[0])  # obligation 2.4
+                    out[1] = np.where(~carried & (velocity[1] <= 0.0), ends[1], out[1])  # obligation 2.5
                 return ends, out
             wider = 0.1 * (out[1] - out[0]) + self.shell
             wider_room = np.where(carried, ends, out + SIDES * wider)
@@ -427,6 +431,7 @@ class Images(Proof):
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
         """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
+        # obligation 9.7
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.unsure[axis]) for axis in part.axes]
         low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
         shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]

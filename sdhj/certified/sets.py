@@ -50,9 +50,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
     [test_sets_and_inputs_are_all_that_follows]
 
 For robots of one's own, what each of these comes to, and what the checker refuses that lacks it: a forgery in
-tests/forged_robots.py, of which test_what_is_false_is_refused_with_its_sentence asks the sentence. The lines of prover
-and checker that carry an obligation are taken out, one at a time: tests/certified/test_prover_mutations.py, where the
-checker judges what is then proved, and tests/certified/check/test_forged_robots.py, where a forgery is then believed.
+tests/forged_robots.py, of which test_what_is_false_is_refused_with_its_sentence asks the sentence. The statements of
+prover and checker that carry an obligation are marked, `# obligation 4.2` with its number above, `# check 4.2` with
+that of `sdhj.certified.check`, and changed one at a time: tests/certified/test_prover_mutations.py, where the checker
+judges what is then proved, and tests/certified/check/test_forged_robots.py, where a forgery is then believed.
 
     1    axes: begin, length, whole cells                   "cells that begin elsewhere", "cells that are too narrow"
     1    cells that move alike are alike, and no wall near  "cells that are not alike", "a wall on the way"

@@ -443,8 +443,8 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
-            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))
-            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))
+            far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
+            far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
 
         # How it is rounded nobody says: a millionth of a thousandth of what it is and may change by from zero on is

@@ -34,7 +34,7 @@ class Sealed(dict[str, Any]):
     """A mapping that cannot be written, nor the mappings and lists in it; `dict(it)` is a copy that can."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        super().__init__({name: sealed(one) for name, one in given.items()})
+        super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
@@ -46,7 +46,7 @@ class SealedList(list[Any]):
     """A list that cannot be written, nor the mappings and lists in it; `list(it)` is a copy that can."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        super().__init__(map(sealed, given))
+        super().__init__(map(unwritable, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
     pop = remove = clear = sort = reverse = _refuse
@@ -55,12 +55,12 @@ class SealedList(list[Any]):
         return SealedList, (list(self),)
 
 
-def sealed(value: Any) -> Any:
+def unwritable(value: Any) -> Any:
     """The same, with mappings and lists that cannot be written, at every depth."""
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
-        return tuple(map(sealed, value))
+        return tuple(map(unwritable, value))
     return SealedList(value) if isinstance(value, list) else value
 
 
@@ -69,6 +69,6 @@ class kept(cached_property[T]):
 
     def __init__(self, function: Callable[[Any], T]) -> None:
         def found(self: Any) -> Any:
-            return sealed(read_only(function(self)))
+            return unwritable(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

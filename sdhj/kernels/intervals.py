@@ -13,7 +13,7 @@ from sdhj.kernels.compiling import inlined
 from sdhj.kernels.elementary import INF, LAPS, NAN
 
 STEP = 2.0**-52  # a unit in the last place is at most that share of a number
-TINY = 2.0**-1020  # more than is lost where a result is too small for all its digits
+TINY = 2.0**-1020  # more than is lost where a result is too small for all its digits  # obligation 7.4
 PI_UP = float.fromhex("0x1.921fb54442d19p+1")  # the next number above pi
 LARGE = 1e300  # the reciprocal of a power that is nearly this small has lost digits
 TURN = 0.15915494309189533577  # in a radian
@@ -47,7 +47,7 @@ def farthest(low, high):
 
 @_inlined
 def hull(p, q, r, s):
-    return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))
+    return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))  # obligation 7.5
 
 
 @_inlined
@@ -66,8 +66,8 @@ def summed(a, b, c, d):
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)
-    low = low if rest_low >= 0.0 else low - abs(low) * STEP
-    return low, high if rest_high <= 0.0 else high + abs(high) * STEP
+    low = low if rest_low >= 0.0 else low - abs(low) * STEP  # obligation 7.1
+    return low, high if rest_high <= 0.0 else high + abs(high) * STEP  # obligation 7.2
 
 
 @_inlined
@@ -80,8 +80,8 @@ def left_over(a, b, total):
 @_inlined
 def of_signs(low, high, negative, positive):
     """Widened ends of products or quotients, none of them negative, or none positive, where that is so."""
-    low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)
-    return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)
+    low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)  # obligation 7.3
+    return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)  # obligation 7.6
 
 
 @_inlined
@@ -97,7 +97,7 @@ def div(a, b, c, d):
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
     low, high = of_signs(low, high, negative, positive)
-    return low if above | below else NAN, high
+    return low if above | below else NAN, high  # obligation 7.7
 
 
 @_inlined
@@ -111,15 +111,15 @@ def _holds_whole(low, high):
 def wave(low, high, p, q, shift):
     """sin or cos, p and q at the ends: its maxima are at shift, its minima at shift + 1/2, in turns and modulo 1."""
     low, high = low * TURN - shift, high * TURN - shift
-    most = 1.0 if _holds_whole(low, high) else larger(p, q)
-    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)
+    most = 1.0 if _holds_whole(low, high) else larger(p, q)  # obligation 7.9
+    least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)  # obligation 7.10
     return least + 0.0 * (p + q), most  # NaN where an end is too large
 
 
 @_inlined
 def tan(low, high, least):
     """Its least value, NaN across a pole."""
-    return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least
+    return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least  # obligation 7.12
 
 
 @_inlined
@@ -132,7 +132,7 @@ def mod(a, b, c, d, p, q):
     low, high = lesser(c, 0.0), larger(d, 0.0)
     p, q = p - (abs(p) * STEP + TINY), q + (abs(q) * STEP + TINY)
     known = ((c > 0.0) | (d < 0.0)) & (farthest(a, b) / nearest(c, d) <= LAPS)
-    return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high
+    return (larger(low, p) if rises else low) if known else NAN, lesser(high, q) if rises else high  # obligation 7.13
 
 
 @_inlined
@@ -140,4 +140,4 @@ def power(low, high, p, q, n):
     """p and q: the least and the largest n-th power, widened; odd powers have the sign of their base."""
     p, q = larger(0.0, p) if low >= 0.0 else p, lesser(0.0, q) if (high <= 0.0) & (n % 2 != 0) else q
     q = q if (n >= 0) | (farthest(p, q) < LARGE) else INF
-    return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q
+    return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q  # obligation 7.14

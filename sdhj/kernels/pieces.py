@@ -41,7 +41,7 @@ def sweep(ends, velocity, h, carried, shell, room, out):
                     moved = end + h * velocity[side, m, k]
                     end = (end if way * moved <= way * end else moved) + way * shell[k] / 4
                     out[side, m, k] = end
-                    inside &= way * end < way * room[side, m, k]
+                    inside &= way * end < way * room[side, m, k]  # obligation 2.14
     return inside
 
 
@@ -50,8 +50,8 @@ def narrow_to_face(ends, velocity, h, side, axis, shell, box):
     """Narrow boxes to where, within h, the state can be the first (side 0) or the last (1) of all along an axis."""
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
-        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8
-        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8
+        box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8  # obligation 2.15
+        box[1, m, axis] = end + h * (most if most > 0.0 else 0.0) + shell / 8  # obligation 2.16
 
 
 @kernel(nogil=True)
@@ -62,9 +62,9 @@ def move_on(moved, velocity, h):
         for m in range(moved.shape[1]):
             for k in range(moved.shape[2]):
                 step = h * velocity[side, m, k]
-                step += way * 1e-15 * abs(step)  # h is off the length of the piece by less
+                step += way * 1e-15 * abs(step)  # h is off the length of the piece by less  # obligation 2.32
                 if step != 0.0:
-                    moved[side, m, k] = np.nextafter(moved[side, m, k] + step, way * np.inf)
+                    moved[side, m, k] = np.nextafter(moved[side, m, k] + step, way * np.inf)  # obligation 2.31
 
 
 @kernel(nogil=True)
@@ -76,7 +76,7 @@ def hold_back(start, moved, carried, walls):
                 begin, place = start[side, m, k], start[side, m, k] + moved[side, m, k]
                 if not carried[k] and (place < walls[0, k] or place > walls[1, k]):
                     at_wall = walls[0, k] if place < walls[0, k] else walls[1, k]
-                    moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)
+                    moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)  # obligation 2.18
 
 
 # ---- boxes where functions are bounded

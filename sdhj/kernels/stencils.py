@@ -64,7 +64,7 @@ def step_on(at, number, axes):
     axis = axes - 1
     while axis >= 0:
         at[axis] += 1
-        if at[axis] < number[axis]:
+        if at[axis] < number[axis]:  # obligation 3.1
             break
         at[axis] = 0
         axis -= 1
@@ -80,7 +80,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
     for axis in range(axes):
         count, begin, end = cells.counts[axis], cell[axis] + low[axis], cell[axis] + high[axis]
         if not cells.periodic[axis]:
-            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):
+            if (begin > count and safe[1, axis] < np.inf) or (end < -1 and safe[0, axis] > -np.inf):  # obligation 3.4
                 return 0
             begin, end = min(max(begin, 0), count - 1), min(max(end, 0), count - 1)
         elif end - begin >= count:
@@ -117,12 +117,13 @@ def rows_inside(total, cells, index, pool, room):
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], room[0, last], room[0, last] + room[1, last]
     word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
-    asked = bits_between(word, begin, end)  # all of them where it is short, which most are
+    asked = bits_between(word, begin, end)  # all of them where it is short, which most are  # obligation 3.2
     for _ in range(total):
         block = pool[index[row_of_box(room, cells)]]
         if short:
             if block[word] & asked != asked:
                 return False
+        # obligation 3.3
         elif not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
         step_on(room[2], room[1], last)
@@ -133,7 +134,7 @@ def rows_inside(total, cells, index, pool, room):
 def runs_of_ones(block, begin, length):
     """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are, length <= 64."""
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
-    while run < length:
+    while run < length:  # obligation 3.5
         more = min(run, length - run)
         low &= low >> np.uint64(more) | high << np.uint64(64 - more)
         high &= high >> np.uint64(more)
@@ -196,7 +197,7 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
             continue
         if bit & 63 == 0 and led.size > 0:
             some = images_inside(bit >> 6, cell, begin, moves, cells, pool, scratch, led)
-        if has_bit(inside, bit) != keep:
+        if has_bit(inside, bit) != keep:  # obligation 3.11
             continue
         cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
         place = begin + bit * moves.strides[cell.size - 1]
@@ -205,7 +206,7 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
             for turn in range(each):
                 j = (tried + turn) % each  # what served before is tried first
                 at = group * each + j
-                if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:
+                if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
                     continue
                 if led.size > 0:
                     found = (led[at] >> np.uint64(bit & 63)) & BIT != 0
@@ -247,7 +248,7 @@ def reached_words(rows, changed, reach, cells, out, room, hit):
                     first, end = led_from(bit, min(bit + 63, count - 1), reach[j, :, last], count, cells.periodic[last])
                     end -= first // count * count
                     first %= count
-                    hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True
+                    hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True  # obligation 3.10
                     hit[: ((end - count) >> 6) + 1 if end >= count else 0] = True
             for _ in range(total):
                 flat = 0
@@ -262,11 +263,11 @@ def reached_words(rows, changed, reach, cells, out, room, hit):
 @kernel(inline="always")
 def led_from(first, last, reach, count, periodic):
     """The first and the last cell of an axis from which an image may hold one of some cells."""
-    begin, end = first - reach[1], last - reach[0]
+    begin, end = first - reach[1], last - reach[0]  # obligation 3.8
     if periodic:
         return begin, min(end, begin + count - 1)
     # the end cells are in every image that was clipped
-    return 0 if first == 0 else max(begin, 0), count - 1 if last == count - 1 else min(end, count - 1)
+    return 0 if first == 0 else max(begin, 0), count - 1 if last == count - 1 else min(end, count - 1)  # obligation 3.9
 
 
 @kernel(inline="always")
@@ -278,15 +279,16 @@ def boxes_along(low, high, k, lattice):
         lap = size // 2
         if end - begin >= length:
             return 0, lap
+        # obligation 4.19
         begin, end = begin - length * math.floor(begin / length), end - length * math.floor(begin / length)
         first = min(math.floor(begin / pitch), lap - 1)
-        if end > length:
+        if end > length:  # obligation 4.18
             last = lap + min(math.ceil((end - length) / pitch), lap)
         else:
             last = min(math.ceil(end / pitch), lap)
     else:
-        first = min(max(math.floor(begin / pitch), 0), size - 1)
-        last = min(max(math.ceil(end / pitch), 0), size)
+        first = min(max(math.floor(begin / pitch), 0), size - 1)  # obligation 4.17
+        last = min(max(math.ceil(end / pitch), 0), size)  # obligation 4.16
     return first, max(last, first + 1)
 
 
@@ -321,6 +323,7 @@ def parts_inside(cell, tube, layout):
         return tube.shape[0]
     for part in range(tube.shape[0]):
         for axis in range(cell.size):
+            # obligation 4.30
             if layout.edges[axis, cell[axis]] + tube[part, axis, 0] > layout.safe[1, axis] or (
                 layout.edges[axis, cell[axis] + 1] + tube[part, axis, 1] < layout.safe[0, axis]
             ):
@@ -366,6 +369,7 @@ def strike_chunk(clear, tubes, places, lattice, bit, layout, chunk, room):
                 boxes_of_a_line(begin, span, tube, lattice, layout, (along[span], hulls[span]))
                 known[span] = place
             corners_of_a_line(cell, span, tube, lattice, layout, (corner, at))
+            # obligation 4.24
             count_in_a_line(sums[(span - 1) % len(sums)], corner, along[span], hulls[span], left, met)
             more = 0
             for n in range(left.size):
@@ -384,7 +388,7 @@ def swept_boxes(number, span, tube, k, lattice, edges):
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
     for part in range(begin + 1, end):
         low, high = min(low, tube[part, axis, 0]), max(high, tube[part, axis, 1])
-    low, high = low + lattice.narrow[k], high - lattice.narrow[k]
+    low, high = low + lattice.narrow[k], high - lattice.narrow[k]  # obligation 4.20
     return boxes_along(edges[axis, number] + low, edges[axis, number + 1] + high, k, lattice)
 
 
@@ -396,10 +400,10 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, room):
         if lattice.axes[k] == layout.axis:
             hulls[0], hulls[1] = step * lattice.sizes[k], 0
             for n in range(along.shape[1]):
-                first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)
+                first, last = swept_boxes(begin + n, span, tube, k, lattice, layout.edges)  # obligation 4.21
                 along[0, n], along[1, n], segment = step * first, step * last, n // SEGMENT
                 hulls[0, segment] = min(hulls[0, segment], along[0, n])
-                hulls[1, segment] = max(hulls[1, segment], along[1, n])
+                hulls[1, segment] = max(hulls[1, segment], along[1, n])  # obligation 4.22
         step *= lattice.sizes[k] + 1
 
 
@@ -418,7 +422,7 @@ def corners_of_a_line(cell, span, tube, lattice, layout, room):
         for k in range(d):
             flat *= lattice.sizes[k] + 1
             if lattice.axes[k] != layout.axis:
-                flat += at[sides & 1, k]
+                flat += at[sides & 1, k]  # obligation 4.23
                 sign = sign if sides & 1 else -sign
                 sides >>= 1
         corner[0, c], corner[1, c] = flat, sign
@@ -484,9 +488,9 @@ def past_a_face(cell, far, faces, edges, along, others):
     """Whether ends (2, ndim) of a cell that get so far are beyond a face on an axis, or on one of the others."""
     left = False
     for axis in range(cell.size):
-        if (axis == along) != others:
-            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]
-            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]
+        if (axis == along) != others:  # obligation 4.28
+            left |= edges[axis, cell[axis]] + far[0, axis] < faces[0, axis]  # obligation 4.27
+            left |= edges[axis, cell[axis] + 1] + far[1, axis] > faces[1, axis]  # obligation 4.29
     return left
 
 
@@ -504,10 +508,10 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
         safe = clear[row * cells.counts[-1] + bit]
         for axis in range(cell.size):
             place += cell[axis] * moves.strides[axis]
-        for j in range(out.shape[1]):
+        for j in range(out.shape[1]):  # obligation 3.14
             if out[m, j]:
-                out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1
-            if out[m, j] and len(sets) > 0:
+                out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
+            if out[m, j] and len(sets) > 0:  # obligation 3.12
                 out[m, j] = image_inside(
                     cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, room
                 )
@@ -528,7 +532,7 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
             end += 1
         for axis in range(ndim):
             place += some[begin, axis] * moves.strides[axis]
-        for j in range(out.shape[1]):
+        for j in range(out.shape[1]):  # obligation 3.15
             if out[begin:end, j].any():
                 low, high = moves.low[j, place], moves.high[j, place]
                 total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, room)

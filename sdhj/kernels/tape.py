@@ -187,13 +187,13 @@ def _truths(op, room, i, j, k, last, count):
             out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
     elif op == LESS:
         for m in range(count):
-            out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+            out[m] = (1.0 if a[m] < b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.25
     elif op == LESSEQ:
         for m in range(count):
-            out[m] = (1.0 if a[m] <= b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+            out[m] = (1.0 if a[m] <= b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.26
     elif op == EQUAL:
         for m in range(count):
-            out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN
+            out[m] = (1.0 if a[m] == b[m] else 0.0) if (a[m] == a[m]) & (b[m] == b[m]) else NAN  # obligation 7.27
     elif op == NOT:
         for m in range(count):
             out[m] = 1.0 - a[m]
@@ -336,12 +336,12 @@ def _at_ends(op, fact, room, i, j, k, n, count):
     The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
     """
     work = room.shape[0] // 2 - 2
-    if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):
+    if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
         _magnitudes(room, i, work, count)
         _magnitudes(room, j, work + 1, count)
         i, j = work, work + 1
-    falls = 1 if op == POWER and n < 0 else int(fact[FALLS])
-    twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is
+    falls = 1 if op == POWER and n < 0 else int(fact[FALLS])  # obligation 7.15
+    twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is  # obligation 7.19
     for end in range(4 if twice else 2):
         first, second = (falls ^ end, end) if end < 2 else (end - 2, 3 - end)
         row = 2 * k + end if end < 2 else 2 * work + end - 2
@@ -358,8 +358,9 @@ def _outward(op, fact, room, i, j, k, n, count):
     a, b, out = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2], room[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
-            shift = 0.25 if op == SIN else 0.0
+            shift = 0.25 if op == SIN else 0.0  # obligation 7.11
             out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
+    # obligation 7.22
     share, tiny = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ERROR] > 0.0 else 0.0
     zero, lowest, highest = fact[NEAR_ZERO], fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
     for m in range(count):
@@ -376,11 +377,11 @@ def _outward(op, fact, room, i, j, k, n, count):
             out[0, m], out[1, m] = intervals.mod(a[0, m], a[1, m], b[0, m], b[1, m], out[0, m], out[1, m])
     elif op == POW:
         for m in range(count):
-            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN
+            out[0, m] = out[0, m] if (a[0, m] > 0.0) | (a[0, m] == 0.0) & (b[0, m] > 0.0) else NAN  # obligation 7.21
     elif op == ARCTAN2:
         for m in range(count):
             cut = (a[0, m] <= 0.0) & (a[1, m] >= 0.0) & (b[0, m] <= 0.0)  # or the origin
-            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]
+            out[0, m], out[1, m] = -PI_UP if cut else out[0, m], PI_UP if cut else out[1, m]  # obligation 7.20
 
 
 @kernel(nogil=True, error_model="numpy")
@@ -405,15 +406,15 @@ def _direct_bounds(op, room, i, j, k, last, count):
             low, high = intervals.div(a[0, m], a[1, m], b[0, m], b[1, m])
             low, high = lesser(1.0, larger(-1.0, low)), lesser(1.0, larger(-1.0, high))
             zero = (b[0, m] <= 0.0) & (b[1, m] >= 0.0)
-            out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high
+            out[0, m], out[1, m] = -1.0 if zero else low, 1.0 if zero else high  # obligation 7.8
     elif op == EQUAL:
         for m in range(count):
-            out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0
+            out[0, m] = 1.0 if (a[0, m] == b[1, m]) & (a[1, m] == b[0, m]) else 0.0  # obligation 7.23
             out[1, m] = 1.0 if (a[0, m] <= b[1, m]) & (b[0, m] <= a[1, m]) else 0.0
     elif op == WHERE:
         for m in range(count):
             sure, never = a[0, m] > 0.0, a[1, m] <= 0.0
-            low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))
+            low = b[0, m] if sure else (c[0, m] if never else lesser(b[0, m], c[0, m]))  # obligation 7.24
             high = b[1, m] if sure else (c[1, m] if never else larger(b[1, m], c[1, m]))
             fine = (a[0, m] == a[0, m]) & ((b[0, m] == b[0, m]) & (c[0, m] == c[0, m]) | sure | never)
             out[0, m], out[1, m] = low if fine else NAN, high
@@ -433,7 +434,7 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
             low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
-            number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0
+            number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0  # obligation 7.29
             total *= number[axis]
         out[0, m], out[1, m], largest = INF if fine else NAN, -INF, 0.0
         for index in range(total):
@@ -444,6 +445,7 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
             value, most = _interpolated(tables, lookup[13], lookup, position, corner)
             fine &= value == value
             out[0, m], out[1, m], largest = lesser(value, out[0, m]), larger(value, out[1, m]), larger(most, largest)
+        # obligation 7.30
         slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY  # each axis: three roundings, of two numbers
         out[0, m], out[1, m] = out[0, m] - slack if fine else NAN, out[1, m] + slack
 
@@ -453,7 +455,7 @@ def _or_nothing(room, i, j, k, count):
     """Both ends of a result NaN where one is not finite or an operand is NaN; rows as in `_at_ends`."""
     a, b, out = room[2 * i], room[2 * j], room[2 * k : 2 * k + 2]
     for m in range(count):
-        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])
+        fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])  # obligation 7.28
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
 
 

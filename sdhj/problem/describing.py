@@ -9,6 +9,7 @@ import numpy as np
 
 from sdhj.formulas.text import FORMAT
 from sdhj.kernels import FloatArray
+from sdhj.problem.dynamics import CUTS
 from sdhj.problem.statement import Statement
 
 VALUES_KEPT = 1000  # values of a black box that a file keeps
@@ -23,7 +24,7 @@ def described(problem: Statement) -> dict[str, Any]:
         one: Any = problem.functions[name]
         functions[name] = {"coordinates": one.coordinates, "parameters": one.parameters, "lines": lines}
     formulas = {"format": FORMAT, "functions": functions, "opaque": problem.opaque}
-    if max(problem.dynamics.cuts(range(problem.grid.ndim))) > 1:
+    if problem.dynamics.is_cut and problem.dynamics.pieces != CUTS:
         formulas["pieces"] = problem.dynamics.pieces
     return problem.numbers | {"problem": problem.name, "formulas": formulas}
 

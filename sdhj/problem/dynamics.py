@@ -18,7 +18,7 @@ from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
 
-PIECES, MOST_PIECES = 8, 1024  # of the range of a component of v that does not enter linearly
+CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
 MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
 Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
@@ -83,7 +83,7 @@ class Dynamics:
     gain: Any = None
     bounds: Any = None
     velocity: Any = None
-    pieces: int = PIECES
+    pieces: int = CUTS
     _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -102,7 +102,7 @@ class Dynamics:
             if bounds.ndim != 1 or (bounds < 0).any():
                 raise ValueError(f"bounds must be a row of half-widths >= 0, got {self.bounds}")
             object.__setattr__(self, "bounds", read_only(bounds))
-        whole("pieces", self.pieces, least=1, most=MOST_PIECES)
+        whole("pieces", self.pieces, least=1, most=MOST_CUTS)
         for name in KNOWN:
             given = getattr(self, name)
             if callable(given):
@@ -223,7 +223,7 @@ class VectorField:
     drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
     gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
-    pieces: int = PIECES  # as in `Dynamics`
+    pieces: int = CUTS  # as in `Dynamics`
     _derived: dict[Any, Formula] = field(
         default_factory=dict, init=False, repr=False
     )  # made of these, by what they are
@@ -318,6 +318,11 @@ class VectorField:
             found.append(np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each]))
         several = (found[0][:, list(axes)].sum(axis=1) > 1).any(axis=0)
         return tuple(np.where(several, self.pieces, 1).tolist())
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the number of pieces matters: a component that does not enter linearly moves several axes."""
+        return self.gain is None and max(replace(self, pieces=2).cuts(range(self.ndim)), default=1) > 1
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
@@ -432,7 +437,7 @@ class VectorField:
         """As `extremes`, where the disturbance enters linearly."""
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
-        return np.stack([drift - spread, drift + spread], axis=1)
+        return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
         """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
@@ -466,7 +471,7 @@ class VectorField:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
-            return np.sort(signs * ends, axis=0)
+            return np.sort(signs * ends, axis=0)  # obligation 2.30
         most = np.abs(ends).max(axis=0)
         return np.stack([-most, most])
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels.tubes import PATH
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
@@ -23,7 +24,6 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of ve
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ROUNDING = 1e-12  # of pushes, relative to the greatest
-PATH = 4  # terms of `Interval.ahead` before the segments
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 

@@ -26,7 +26,7 @@ from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, VIEW_TIMES, TargetSet, UnsafeSet
 
 MOST_SAMPLED = 1_000_000  # steps of a problem
-LONGEST = 1e15  # s
+MOST_DELTA = 1e15  # s
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ReachAvoidProblem(Sampled):
         self._check_parts()
         self.grid.require_room(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
-        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=LONGEST))
+        object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
         if self.steps is not None:
             object.__setattr__(self, "steps", whole("steps", self.steps, least=1, most=MOST_SAMPLED))
         ndim = self.grid.ndim

@@ -12,7 +12,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.describing import arrays_of as arrays_of
 from sdhj.problem.describing import blackbox_values
 from sdhj.problem.describing import described as described
-from sdhj.problem.dynamics import VectorField
+from sdhj.problem.dynamics import CUTS, VectorField
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.problem.statement import LAYOUT
@@ -45,7 +45,7 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
         else:
             swept = found.get(name.replace("unsafe", "swept"))
             unsafe.append(UnsafeSet(entry["axes"], found[name], swept, entry["name"], entry["sampling"]))
-    parts = drift, found.get("gain"), found["bounds"], formulas.get("pieces", 1)
+    parts = drift, found.get("gain"), found["bounds"], formulas.get("pieces", CUTS)
     dynamics = VectorField(head["inputs"], head["grid"].ndim, *parts)
     rest = {name: head[name] for name in ("grid", "delta", "steps", "view_time", "recipe", "sensing")}
     return ReachAvoidProblem(dynamics=dynamics, target=target, unsafe=tuple(unsafe), name=head["problem"], **rest)
@@ -85,8 +85,8 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time", "sensing")}
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
     pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
-    if max(problem.dynamics.cuts(range(problem.grid.ndim))) > 1:
-        pairs["pieces"] = head["formulas"].get("pieces", 1), problem.dynamics.pieces
+    if problem.dynamics.is_cut:
+        pairs["pieces"] = head["formulas"].get("pieces", CUTS), problem.dynamics.pieces
     found = [f"{name} is {its} there and {ours} here" for name, (its, ours) in pairs.items() if its != ours]
     if not near(head["inputs"], problem.inputs):
         found.append(f"inputs are {head['inputs'].tolist()} there and {problem.inputs.tolist()} here")

@@ -121,7 +121,8 @@ class HopfLax(Options):
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        if (pieces := max(problem.dynamics.cuts(range(problem.grid.ndim)))) > 1:
+        if problem.dynamics.is_cut:
+            pieces = problem.dynamics.pieces
             cause = (
                 'a disturbance that does not enter linearly moves several axes: method "lax" plays the box around its '
             )

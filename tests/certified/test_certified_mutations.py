@@ -4,154 +4,73 @@ Each case takes one thing out of a copy of the library (an inflation, a rounding
 the copy, mostly without compiling.
 """
 
+import re
+
 import mutations
 import pytest
+from changes import unlisted
+
+import sdhj.certified.sets
 
 pytestmark = pytest.mark.slow
 
-CELLS, IMAGES, GENERAL, BOUNDS = (f"certified/{name}.py" for name in ("cells", "images", "general_proof", "bounds"))
-DYNAMICS, BLACK_BOXES, TAPE = "problem/dynamics.py", "formulas/formula.py", "kernels/tape.py"
-RATE = "duration * (0.0 if self.rate is None else np.asarray(self.rate))"
-PACKED, LINKS, CONTACT, STENCILS, PIECES = (
-    f"kernels/{name}.py" for name in ("packed", "arm/links", "arm/contact", "stencils", "pieces")
-)
-SENSED = "test_what_an_interval_does_to_predictions"
-SAMPLES, GROWTH = "test_every_sample_is_inside", "test_general_reach_box"
-
-# file, what is taken out, what is left, the test that must fail
+# what is changed of which mark `# obligation` in the library, the test that must fail
 MUTATIONS = {
-    "doubt about 2 pi": (CELLS, "period / 2**49", "period / 2**90", "test_cells_partition_the_axis"),
-    "worst velocity": (
-        CELLS,
-        "self.moved(cell, float(back), float(ahead), True)",
-        "self.moved(cell, float(ahead), float(ahead), True)",
-        "test_image_holds",
-    ),
-    "outward edge": (
-        CELLS,
-        "np.minimum(np.ceil((end - laps[1] * length) / width)",
-        "np.minimum(np.floor((end - laps[1] * length) / width)",
-        "test_image_holds",
-    ),
-    "outward wall": (
-        CELLS,
-        "np.ceil((high - drift) / width)",
-        "np.floor((high - drift) / width)",
-        "test_image_holds",
-    ),
-    "remainder of link 1": (LINKS, "return 3, l1 * w1 * w1 / 8.0", "return 3, 0.0", "test_hulls_hold_the_links"),
-    "remainder of link 2": (LINKS, "w2 * w2)) / 8.0", "w2 * w2)) / 32.0", "test_hulls_hold_the_links"),
-    "margin": (LINKS, "CONTACT_MARGIN = 1e-8", "CONTACT_MARGIN = 0.0", "test_contact_within_rounding"),
-    "margin of the target": (
-        CONTACT,
-        "+ remainder + CONTACT_MARGIN <= radius",
-        "+ remainder <= radius",
-        "test_contact_within",
-    ),
-    "margin of the pursuer": (CONTACT, "agent.radius + CONTACT_MARGIN +", "agent.radius +", "test_contact_within"),
-    "margin of a disk": (CONTACT, "near + remainder + CONTACT_MARGIN", "near + remainder", "test_contact_within"),
-    "speed of a disk": (
-        CONTACT,
-        "radii[disk] + speeds[disk] * near",
-        "radii[disk] + 0.0 * near",
-        "test_no_time_is_left_out",
-    ),
-    "undecided parts": (CONTACT, "blocked |= left", "pass", "test_no_time_is_left_out"),
-    "start of a part": (
-        LINKS,
-        "high + max(fast * tau0, fast * tau1)",
-        "high + fast * tau0",
-        "test_no_time_is_left_out",
-    ),
-    "end of a part": (LINKS, "low + min(slow * tau0, slow * tau1)", "low + slow * tau0", "test_no_time_is_left_out"),
-    "pursuer at the end": (
-        CONTACT,
-        "agent.speed * agent.delta * (part + 1) / parts",
-        "agent.speed * agent.delta * part / parts",
-        "left_out_of_the_pursuit",
-    ),
-    "cell of the pursuer": (LINKS, "highest + growth - agent.y", "highest - agent.y", "test_pursuer_is_met"),
-    "walls of the pursuer": (PACKED, "k]) | passes", "k]) & passes", "test_packed_erosion"),
-    "slack": (PACKED, "STATE_SLACK = 1e-10", "STATE_SLACK = 0.0", "test_state_on_an_edge"),
-    "cells of the image": (PACKED, "range(1, number[i])", "range(1, number[i] - 1)", "test_recursion_agrees"),
-    "room to move in": (
-        IMAGES,
-        "velocity = self.bounds.velocity(j, room[0], room[1], *times)",
-        "velocity = self.bounds.velocity(j, ends[0], ends[1], *times)",
-        GROWTH,
-    ),
-    "push of the adversary": (DYNAMICS, "np.stack([drift - spread, drift + spread]", "np.stack([drift, drift]", GROWTH),
-    "walls on the way": (PIECES, "moved[side, m, k] = np.nextafter(at_wall", "at_wall = np.nextafter(at_wall", GROWTH),
-    "tube between the parts": (
-        IMAGES,
-        "tube = [moved[0], moved[1]]",
-        "tube = [moved[0] + np.inf, moved[1] - np.inf]",
-        GROWTH,
-    ),
-    "upper face": (
-        IMAGES,
-        "self.bounds.fastest(side, axis",
-        "self.bounds.fastest(0, axis",
-        "test_damped_motion",
-    ),
-    "change with time": (BLACK_BOXES, RATE, "0.0", "test_timed_growth_holds"),
-    "a box that grows": (
-        DYNAMICS,
-        "return np.sort(signs * ends, axis=0)",
-        "return np.stack([signs * ends[1]] * 2)",
-        "test_bounds_that_change",
-    ),
-    "time of an interval": (
-        IMAGES,
-        "(time + begin, time + end)",
-        "(begin, end)",
-        "test_timed_growth_holds",
-    ),
-    "boxes of a set": (
-        GENERAL,
-        "high = [begin + step + more",
-        "high = [begin + more",
-        "test_bounds_of_a_lattice",
-    ),
-    "rate of a set": (BLACK_BOXES, RATE, "0.0", "test_general_bounds_hold"),
-    "size of a box": (BLACK_BOXES, "slope * np.sqrt((by**2).sum(axis=1))", "0.0", "test_general_bounds_hold"),
-    "where an axis closes": (BOUNDS, "np.minimum.reduceat(found[0], first)", "found[0][first]", "test_a_box_across"),
-    "all cells of an image": (
-        STENCILS,
-        "at[axis] < number[axis]",
-        "at[axis] < number[axis] - 1",
-        "test_images_are_inside",
-    ),
-    "error of the first measurement": (
-        IMAGES,
-        "self._held(start, before + SIDES * self.unsure)",
-        "before.copy()",
-        SENSED,
-    ),
-    "error of the next measurement": (IMAGES, "last + SIDES * self.unsure", "last", SENSED),
-    "an early end": (IMAGES, "if begin >= soonest:", "if False:", SENSED),
-    "a prediction in the target": (
-        IMAGES,
-        "self.shell[axis] + self.unsure[axis])",
-        "self.shell[axis])",
-        SENSED,
-    ),
-    "a late end": (CELLS, "measured(problem.delta) + late", "measured(problem.delta)", SENSED),
-    "rounding of what is added": (
-        PIECES,
-        "np.nextafter(moved[side, m, k] + step, way * np.inf)",
-        "moved[side, m, k] + step",
-        "test_what_a_piece_adds",
-    ),
-    "the length of a piece": (PIECES, "way * 1e-15 * abs(step)", "0.0", "test_what_a_piece_adds"),
-    "open sides of a jump": (TAPE, "lesser(b[0, m], c[0, m]))", "c[0, m])", SAMPLES),
+    "doubt about 2 pi": ("1.4 number 11 90", "test_cells_partition_the_axis"),
+    "worst velocity": ("2.23 copy 15 18", "test_image_holds"),
+    "outward edge": ("2.24 turn 14", "test_image_holds"),
+    "outward wall": ("2.19 turn 14", "test_image_holds"),
+    "remainder of link 1": ("5.1 zero 3", "test_hulls_hold_the_links"),
+    "remainder of link 2": ("5.2 number 23 32.0", "test_hulls_hold_the_links"),
+    "margin": ("7.31 zero 2", "test_contact_within_rounding"),
+    "margin of the target": ("7.32 drop 6", "test_contact_within"),
+    "margin of the pursuer": ("7.33 drop 6", "test_contact_within"),
+    "margin of a disk": ("7.34 drop 14", "test_contact_within"),
+    "speed of a disk": ("7.34 zero 9", "test_no_time_is_left_out"),
+    "undecided parts": ("4.31 drop", "test_no_time_is_left_out"),
+    "start of a part": ("4.32 copy 6 8", "test_no_time_is_left_out"),
+    "end of a part": ("4.33 copy 6 8", "test_no_time_is_left_out"),
+    "pursuer at the end": ("4.34 drop 14; 4.35 drop 14", "left_out_of_the_pursuit"),
+    "cell of the pursuer": ("6.1 drop 12", "test_pursuer_is_met"),
+    "walls of the pursuer": ("3.16 turn 6", "test_packed_erosion"),
+    "slack": ("8.1 zero 2", "test_state_on_an_edge"),
+    "cells of the image": ("3.17 put 5 {5} - 1; 3.18 put 5 {5} - 1", "test_recursion_agrees"),
+    "room to move in": ("2.25 zero 12; 2.26 zero 12", "test_general_reach_box"),
+    "push of the adversary": ("2.27 copy 5 6; copy 8 6", "test_general_reach_box"),
+    "walls on the way": ("2.18 copy 1 11", "test_general_reach_box"),
+    "tube between the parts": ("2.28 put 3 {3} + np.inf; put 6 {6} - np.inf", "test_general_reach_box"),
+    "upper face": ("2.17 zero 11", "test_damped_motion"),
+    "change with time": ("2.29 zero 4", "test_timed_growth_holds"),
+    "a box that grows": ("2.30 put 1 {3}.stack([{5} * {6}[1]] * 2)", "test_bounds_that_change"),
+    "time of an interval": ("2.12 copy 10 12; copy 13 15", "test_timed_growth_holds"),
+    "boxes of a set": ("4.1 drop 6", "test_bounds_of_a_lattice"),
+    "rate of a set": ("2.29 zero 4", "test_general_bounds_hold"),
+    "size of a box": ("4.36 zero 9", "test_general_bounds_hold"),
+    "where an axis closes": ("4.37 put 3 {7}[{10}]", "test_a_box_across"),
+    "all cells of an image": ("3.1 put 5 {5} - 1", "test_images_are_inside"),
+    "error of the first measurement": ("2.6 put 14 {19}.copy()", "test_what_an_interval_does_to_predictions"),
+    "error of the next measurement": ("2.7 drop 14", "test_what_an_interval_does_to_predictions"),
+    "an early end": ("2.11 false 1", "test_what_an_interval_does_to_predictions"),
+    "a prediction in the target": ("9.7 drop 15", "test_what_an_interval_does_to_predictions"),
+    "a late end": ("10.8 drop 14", "test_what_an_interval_does_to_predictions"),
+    "rounding of what is added": ("2.31 copy 7 10", "test_what_a_piece_adds"),
+    "the length of a piece": ("2.32 zero 2", "test_what_a_piece_adds"),
+    "open sides of a jump": ("7.24 copy 16 11", "test_every_sample_is_inside"),
 }
+# the tests that the docstring of `sdhj.certified.sets` names: for what is marked `# obligation 4` alone
+TESTS = {
+    number: " or ".join(re.findall(r"\btest_\w+(?!\w|\.py)", text))
+    for number, text in re.findall(r"(?ms)^(\d+)\.  ?(.*?)(?=^\d+\. |^For robots)", sdhj.certified.sets.__doc__ or "")
+}
+MUTATIONS |= {f"{row} (not listed)": (row, TESTS[row.split()[0]]) for row in unlisted("obligation")}
 COMPILED = {"slack", "cells of the image"}  # their tests solve a problem
 
 
 @pytest.fixture(scope="module")
 def runs(request, tmp_path_factory):
-    with mutations.started(request, MUTATIONS, "certified", tmp_path_factory, compiled=COMPILED) as started:
+    with mutations.started(
+        request, "obligation", MUTATIONS, "certified", tmp_path_factory, compiled=COMPILED
+    ) as started:
         yield started
 
 

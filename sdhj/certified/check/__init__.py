@@ -24,6 +24,8 @@ Nothing of the solver is used, neither its code nor its bounds: only the numbers
     the digest of another problem as well: only who has the problem finds that, by `sdhj verify --problem` or
     `sdhj.load(path, problem=...)`, which compare it with the file's.
 
+Statements marked `# check 4.2` are of 4, and a test fails where they are changed (tests/changes.py).
+
 The answer is "proved" or "not proved". A cell whose certificate is right may, in principle, need more halving than is
 granted. This is the arm's (`arm`, `rows`, `separation`); of other robots, whose functions are in the file as text,
 `robots` says how the same claims are checked, with a reader of `formulas` and `intervals` of its own, of which `balls`
@@ -89,7 +91,7 @@ def verify(
         if "cells" in head and head["cells"].get("kind") == "arm":
             expect_room(Arm.needs(arrays))
             sets = Arm(head, arrays)
-        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):
+        elif "cells" in head and not ((opaque := dict(head["formulas"]["opaque"])) and problem is None):  # check 7.11
             expect_room(Robot.needs(head, arrays, samples))
             sets = Robot(head, arrays, problem)
     if opaque and problem is None:

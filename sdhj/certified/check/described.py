@@ -28,12 +28,15 @@ class Grid:
     def __init__(self, head: Mapping[str, Any]) -> None:
         lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in head["ends"])
+        # check 7.28
         fits = 1 <= len(lower) <= MOST_AXES and len({len(part) for part in (lower, upper, periodic, shape, ends)}) == 1
         expect(fits, f"a grid must have 1 to {MOST_AXES} axes", head)
         bounds = [(real("lower", a), real("upper", b)) for a, b in zip(lower, upper, strict=True)]
-        expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)
+        expect(all(a < b for a, b in bounds), "lower ends must be below upper ends", bounds)  # check 7.27
+        # check 7.31
         expect(all(flag in (True, False) for flag in periodic), "periodic must be true or false", periodic)
-        expect(all({*pair} <= ENDS for pair in ends), f"ends must be of {', '.join(sorted(ENDS))}", ends)
+        expect(all({*pair} <= ENDS for pair in ends), f"ends must be of {', '.join(sorted(ENDS))}", ends)  # check 7.26
+        # check 7.30
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of nodes", shape)
         self.lower, self.upper = np.array(bounds).T.tolist()
         self.spacing = [(b - a) / (n - 1) for (a, b), n in zip(bounds, shape, strict=True)]
@@ -66,9 +69,9 @@ class BlackBox:
             place = low + self.rng.random(low.shape) * (high - low)
             value = self.shaped(self.given(place, *self.inputs, time))
             near = BOX_ROUNDED * (np.abs(value) + np.abs(least) + np.abs(most))
-            wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]
+            wrong = np.flatnonzero(((value < least - near) | (value > most + near)).any(axis=1))[:1]  # check 7.10
             what = f"what is stated of the black box {self.name} must hold at {time:g} s and {place[wrong].tolist()}"
-            expect(not wrong.size, what, value[wrong].tolist())
+            expect(not wrong.size, what, value[wrong].tolist())  # check 7.9
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
@@ -81,8 +84,9 @@ class BlackBox:
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
 
         def change(by: Array, duration: float) -> Array:
+            # check 1.13
             far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
-            far = far + duration * (0.0 if rate is None else np.array(rate))
+            far = far + duration * (0.0 if rate is None else np.array(rate))  # check 1.14
             return np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
 
         value = self.shaped(self.given((low + high) / 2, *self.inputs, sum(times) / 2))
@@ -112,7 +116,7 @@ class Functions:
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         formulas = head["formulas"]
-        expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])
+        expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])  # check 7.17
         self.texts, self.opaque = formulas["functions"], dict(formulas["opaque"])
         self.arrays, self.problem = arrays, problem
         expect(not self.texts.keys() & self.opaque.keys(), "a function is a formula or a black box", [*self.opaque])
@@ -129,11 +133,12 @@ class Functions:
             left = MOST_TABLES - sum(each.nbytes for each in self.tables.values())
             self.tables[number] = array(self.arrays, f"tables/{number}", np.float64, *[None] * axes, most=left)
         found = self.tables[number]
+        # check 7.48
         expect(found.ndim == axes, f"table {number} must have an axis for each operand, {axes}", found.shape)
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
-        expect(name in self.texts, f"there must be a formula {name}", [*self.texts])
+        expect(name in self.texts, f"there must be a formula {name}", [*self.texts])  # check 7.18
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
     def black_box(self, name: str) -> Any:
@@ -146,18 +151,18 @@ class Functions:
     def part(self, name: str, given: Mapping[str, Any], ndim: int) -> Part:
         """A set, by its name among the functions and what the head says."""
         axes = given["axes"]
-        fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})
-        fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)
+        fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})  # check 7.24
+        fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)  # check 7.23
         expect(fits, "axes of a set must be some of the axes, each once", axes)
         own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
-        expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)
+        expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)  # check 7.21
         return Part(str(given["name"]), tuple(axes), own)
 
     def parts(self, head: Any, ndim: int) -> tuple[Part | None, list[Part]]:
         """The target, if there is one, and the unsafe sets, by what the head says of sets."""
         kinds = [given["kind"] for given in head]
         first = int("target" in kinds)
-        fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)
+        fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)  # check 7.25
         expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)
         target = self.part("target", head[0], ndim) if first else None
         return target, [self.part(f"unsafe {k}", given, ndim) for k, given in enumerate(head[first:])]
@@ -169,7 +174,7 @@ class Velocity:
     def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
         n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
         d = len(bounds.results) // len(inputs)
-        fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED
+        fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED  # check 7.19
         expect(fits, "bounds must have as many results for each input", len(bounds.results))
         self.ndim, self.adversaries, self.linear = n, d, "drift" in functions
         self.own: dict[str, list[Any]] = {"bounds": [bounds.part(j * d, d) for j in range(len(inputs))]}
@@ -179,7 +184,7 @@ class Velocity:
                 self.own[name] = [BlackBox(name, given, each, n, (np.array(u, dtype=np.float64),)) for u in inputs]
                 continue
             found = functions.formula(name, n, 1 + d * (name == "velocity"))
-            fits = len(found.results) == len(inputs) * each
+            fits = len(found.results) == len(inputs) * each  # check 7.20
             expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
             self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
         self.all = [one for parts in self.own.values() for one in parts]
@@ -198,22 +203,22 @@ class Velocity:
             d, own = self.adversaries, self.own
             some = [*own["bounds"], *(one.part(axis, 1) for one in own["drift"])]
             some += [one.part(axis * d, d) for one in own["gain"]]
-        return not self.timed and not any(one.reads("x") for one in some)
+        return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
 
     def bounds(self, j: int, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """Least and greatest velocity under u_j and any adversary, or none, over boxes (M, ndim): both (M, ndim)."""
         half = np.zeros((len(low), self.adversaries))
-        if pushed:
-            half = np.maximum(*map(np.abs, self.own["bounds"][j].bounds(low, high, times)))
+        if pushed:  # check 3.31
+            half = np.maximum(*map(np.abs, self.own["bounds"][j].bounds(low, high, times)))  # check 3.32
         if not self.linear:
-            pushes = ((-one, one) for one in half.T)
+            pushes = ((-one, one) for one in half.T)  # check 3.34
             found: tuple[Array, Array] = self.own["velocity"][j].bounds(low, high, times, *pushes)
             return found
         least, most = self.own["drift"][j].bounds(low, high, times)
         if not pushed:
             return least, most
-        gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))
+        gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))  # check 3.33
         each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
         many = 2 * (1 + self.adversaries)  # roundings, of products and of their sum, with some to spare
-        push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY
+        push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY  # check 3.35
         return intervals.outward(least - push, most + push)

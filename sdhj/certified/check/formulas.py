@@ -60,23 +60,24 @@ class Reader:
 
     def real(self, word: str) -> float:
         try:
-            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")
+            self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
             return float.fromhex(word)
         except OverflowError:
             self.expect(False, "a number must not be as large")
             raise
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
-        return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)
+        return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
 
     def read(self, lines: Any) -> "Formula":
-        fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES
+        fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES  # check 7.4
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
             self.line = line
-            self.expect(isinstance(line, str), "a line must be text")
+            self.expect(isinstance(line, str), "a line must be text")  # check 7.46
             name, *words = line.split(" ")
             if len(self.nodes) == len(lines) - 1:
+                # check 7.45
                 self.expect(name == "return", "the last line must be `return` and the numbers of the results")
                 return Formula(tuple(self.nodes), self.operands(words))
             node = self.node(name, words)
@@ -91,19 +92,20 @@ class Reader:
             if name == "const":
                 return Node(name, (), (self.real(words[0]),))
             kind = "a coordinate" if name == "x" else "a parameter"
-            return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))
+            return Node(name, (), (self.whole(words[0], self.leaves[name], kind),))  # check 7.42
         if name == "gridded":
             return self.gridded(words)
         self.expect(name in RULES, "an operation must be one of those that are known")
         count = RULES[name][0]
-        self.expect(len(words) == count + (name == "power"), f"{name} must have {count} operands")
+        self.expect(len(words) == count + (name == "power"), f"{name} must have {count} operands")  # check 7.43
         operands = self.operands(words[:count])
         if name == "power":
             exponent = int(words[1]) if EXPONENT.fullmatch(words[1]) else MOST_EXPONENT + 1
+            # check 7.5
             self.expect(abs(exponent) <= MOST_EXPONENT, f"an exponent must be from -{MOST_EXPONENT} to {MOST_EXPONENT}")
             return Node(name, operands, (exponent,))
         truths = operands[:1] if name == "where" else operands if name in ("and", "or", "not") else ()
-        self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")
+        self.expect(self.truths.issuperset(truths), f"{name} must be given truth values")  # check 7.6
         same = name == "mul" and operands[0] == operands[1]
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
@@ -120,7 +122,7 @@ class Reader:
         self.expect(fits, f"gridded must have a table, 1 to {MOST_AXES} operands, `lower`, `spacing`, numbers for each")
         operands = self.operands(words[1 : 1 + axes])
         lower, spacing = [[self.real(word) for word in words[at : at + axes]] for at in (2 + axes, 3 + 2 * axes)]
-        finite = all(map(math.isfinite, lower + spacing)) and min(spacing) > 0
+        finite = all(map(math.isfinite, lower + spacing)) and min(spacing) > 0  # check 7.47
         self.expect(finite, "`lower` must be finite and `spacing` above 0")
         table = self.tables(self.whole(words[0], 10**6, "a table"), axes)
         self.expect(min(table.shape) >= 2, "a table must have two nodes on each axis")
@@ -170,7 +172,7 @@ class Formula:
     def reads(self, leaf: str, number: int | None = None) -> bool:
         """Whether a result rests on a coordinate, "x", or a parameter, "p"; on any of them, or on one."""
         found = (self.nodes[n] for n in self.needed)
-        return any(node.name == leaf and number in (None, *node.given) for node in found)
+        return any(node.name == leaf and number in (None, *node.given) for node in found)  # check 7.2
 
     @cached_property
     def jumps(self) -> list[int]:
@@ -189,7 +191,7 @@ class Formula:
             jumped = () if side is None else (side,)
             values[number] = sure(*self.value(node, operands, low, high, parameters, *jumped))
             for operand in self.done.get(number, ()):
-                del values[operand]
+                del values[operand]  # check 7.7
         return (values[number] for number in self.results)
 
     @staticmethod
@@ -215,6 +217,7 @@ class Formula:
             first = self.once(low, high, parameters, every[0])
             rows = np.flatnonzero((first != found).any(axis=(0, 2)))
             own = [(a[rows], b[rows]) if np.ndim(a) else (a, b) for a, b in parameters]
+            # check 6.19
             each = [first[:, rows], *(self.once(low[rows], high[rows], own, sides) for sides in every[1:])]
             found[0, rows], found[1, rows] = np.min(each, axis=0)[0], np.max(each, axis=0)[1]
         return found[0], found[1]
@@ -234,5 +237,5 @@ class Formula:
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
     """A function of the file, of so many coordinates and parameters; ValueError where it is none."""
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
-        expect(given[name] == count, f"{what} must have {count} {name}", given[name])
+        expect(given[name] == count, f"{what} must have {count} {name}", given[name])  # check 7.22
     return Reader(what, coordinates, parameters, tables).read(given["lines"])

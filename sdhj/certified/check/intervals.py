@@ -21,8 +21,8 @@ from sdhj.certified.check.bits import Array
 Interval = tuple[Array, Array]
 
 UNIT = 2.0**-52
-UNITS = 2.0**-49
-TINY = 5e-324  # the least positive number
+UNITS = 2.0**-49  # check 6.29
+TINY = 5e-324  # the least positive number  # check 6.5
 NEAR_ZERO = 2.0**-56
 ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
@@ -31,12 +31,12 @@ MOST_POINTS = 4  # on each axis of a table, up to which a box is looked up exact
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
     """Ends moved outward by a share of their size, and by `least`."""
-    return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)
+    return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)  # check 6.4
 
 
 def sure(low: Array, high: Array) -> Interval:
     """NaN at both ends where one is not finite."""
-    known = np.isfinite(low) & np.isfinite(high)
+    known = np.isfinite(low) & np.isfinite(high)  # check 6.24
     return (low, high) if known.all() else (np.where(known, low, np.nan), np.where(known, high, np.nan))
 
 
@@ -46,7 +46,7 @@ def unless(undefined: Array, low: Array, high: Array) -> Interval:
 
 def above(least: float, low: Array, high: Array) -> Interval:
     """The part from `least` on, where nothing lies below it."""
-    return np.maximum(low, least), high
+    return np.maximum(low, least), high  # check 6.6
 
 
 # ---- arithmetic
@@ -60,7 +60,7 @@ def add(a: Interval, b: Interval) -> Interval:
 
 
 def sub(a: Interval, b: Interval) -> Interval:
-    return add(a, neg(b))
+    return add(a, neg(b))  # check 6.25
 
 
 def rest(a: Array, b: Array, total: Array) -> Array:
@@ -71,7 +71,7 @@ def rest(a: Array, b: Array, total: Array) -> Array:
 
 def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The least and the greatest result at the corners, not rounded outward."""
-    ends = [of(p, q) for p in a for q in b]
+    ends = [of(p, q) for p in a for q in b]  # check 6.26
     return np.minimum.reduce(np.broadcast_arrays(*ends)), np.maximum.reduce(np.broadcast_arrays(*ends))
 
 
@@ -80,7 +80,7 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
     low, high = outward(*corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
-    return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)
+    return np.where(alike, np.maximum(low, 0.0), low), np.where(unlike, np.minimum(high, 0.0), high)  # check 6.7
 
 
 def mul(a: Interval, b: Interval) -> Interval:
@@ -88,14 +88,14 @@ def mul(a: Interval, b: Interval) -> Interval:
 
 
 def div(a: Interval, b: Interval) -> Interval:
-    return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))
+    return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))  # check 6.8
 
 
 def share(a: Interval, b: Interval) -> Interval:
     """A quotient cut to [-1, 1], which is 0 where the divisor is 0."""
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
-    return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)
+    return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)  # check 6.9
 
 
 def neg(a: Interval) -> Interval:
@@ -104,7 +104,7 @@ def neg(a: Interval) -> Interval:
 
 def size(a: Interval) -> Interval:
     """Absolute values."""
-    return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])
+    return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])  # check 6.27
 
 
 def raised(x: Array, n: int) -> Interval:
@@ -122,18 +122,18 @@ def power(a: Interval, n: int) -> Interval:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
         return a[0] * 0.0 + 1.0, a[1] * 0.0 + 1.0
-    if n % 2 == 0:
+    if n % 2 == 0:  # check 6.28
         least, most = size(a)
         return raised(least, n)[0], raised(most, n)[1]
     (down, up), (below, beyond) = raised(np.abs(a[0]), n), raised(np.abs(a[1]), n)
-    return np.where(a[0] < 0, -up, down), np.where(a[1] < 0, -below, beyond)
+    return np.where(a[0] < 0, -up, down), np.where(a[1] < 0, -below, beyond)  # check 6.10
 
 
 def pow_(a: Interval, b: Interval) -> Interval:
     """It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)"""
     low, high = above(0.0, *outward(*corners(np.power, a, b), UNITS, TINY))
-    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))
-    return unless(~defined | np.isnan(b[0]), low, high)
+    defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))  # check 6.11
+    return unless(~defined | np.isnan(b[0]), low, high)  # check 6.12
 
 
 # ---- elementary functions; what NumPy calls undefined at an end is NaN or not finite there, and so at both ends
@@ -156,7 +156,7 @@ def sqrt(a: Interval) -> Interval:
 
 
 def arccos(a: Interval) -> Interval:
-    return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))
+    return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))  # check 6.30
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
@@ -170,7 +170,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
         first, last = function(a[0]), function(a[1])
         low, high = outward(np.minimum(first, last), np.maximum(first, last), UNITS, NEAR_ZERO)
         low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
-        return np.where(valleys, -1.0, low), np.where(hills, 1.0, high)
+        return np.where(valleys, -1.0, low), np.where(hills, 1.0, high)  # check 6.13
 
     return rule
 
@@ -179,7 +179,7 @@ def tan(a: Interval) -> Interval:
     begin, end = a[0] / np.pi + 0.5, a[1] / np.pi + 0.5  # whole at a pole
     doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
     pole = np.floor(begin - doubt) != np.floor(end + doubt)
-    return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))
+    return unless(pole, *outward(np.tan(a[0]), np.tan(a[1]), UNITS, TINY))  # check 6.14
 
 
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
@@ -187,11 +187,11 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
 
     Side 0 and 1: of the part of the box above and below the jump alone, where it is met.
     """
-    jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)
+    jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
     if side is not None:
         x = np.where(x[0] == 0, -0.0, x[0]), x[1] + 0.0  # a zero of either sign
         above, below = np.where(jump, 0.0, y[0]), np.where(jump & (y[0] == 0), -0.0, y[0])
-        y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))
+        y = (above, y[1] + 0.0) if side == 0 else (below, np.where(jump, -0.0, y[1]))  # check 6.17
         jump = np.array(False)
     low, high = outward(*corners(np.arctan2, y, x), UNITS, TINY)
     return np.where(jump, -ABOVE_PI, np.maximum(low, -ABOVE_PI)), np.where(jump, ABOVE_PI, np.minimum(high, ABOVE_PI))
@@ -199,7 +199,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
 
 def hypot(a: Interval, b: Interval) -> Interval:
     """A length is 0 only where both operands are, and exactly so: it does not underflow."""
-    (a0, a1), (b0, b1) = size(a), size(b)
+    (a0, a1), (b0, b1) = size(a), size(b)  # check 6.31
     low, high = np.hypot(a0, b0), np.hypot(a1, b1)
     return above(0.0, *outward(low, high, UNITS, np.where(high == 0.0, 0.0, TINY)))
 
@@ -215,32 +215,32 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
     laps = div(a, b)
     first, last = np.floor(laps[0]), np.floor(laps[1])
     if side is not None:
-        first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))
+        first, last = (np.where(last - first == 1, (first, last)[side], own) for own in (first, last))  # check 6.18
     rest, (least, most) = sub(a, mul((first, last), b)), (np.minimum(b[0], 0.0), np.maximum(b[1], 0.0))
-    low = np.where(first == last, np.maximum(rest[0], least), least)
+    low = np.where(first == last, np.maximum(rest[0], least), least)  # check 6.16
     high = np.where(first == last, np.minimum(rest[1], most), most)
     return unless(~np.isfinite(first) | ~np.isfinite(last), low, high)
 
 
 def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
-    return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))
+    return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))  # check 6.20
 
 
 def less(a: Interval, b: Interval) -> Interval:
-    return truth(a[1] < b[0], a[0] >= b[1], a, b)
+    return truth(a[1] < b[0], a[0] >= b[1], a, b)  # check 6.32
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
-    return truth(a[1] <= b[0], a[0] > b[1], a, b)
+    return truth(a[1] <= b[0], a[0] > b[1], a, b)  # check 6.33
 
 
 def equal(a: Interval, b: Interval) -> Interval:
-    return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)
+    return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)  # check 6.34
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
     yes, no = condition[0] == 1.0, condition[1] == 0.0
-    low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))
+    low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))  # check 6.21
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
     return unless(np.isnan(condition[0]), low, high)
 
@@ -275,7 +275,7 @@ def gridded(
         out[:, few] = at_points(table, low[:, few], high[:, few])
     if (many := known & ~few).any():
         out[:, many] = at_blocks(table, low[:, many], high[:, many], kept)
-    rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice
+    rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice  # check 6.36
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
 
@@ -283,7 +283,7 @@ def gridded(
 def at_points(table: Array, low: Array, high: Array) -> Array:
     """The least and the greatest value in boxes (axes, M) in units of nodes, rounding apart: (2, M)."""
     begin, out = np.floor(low), np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
-    for step in product(*(range(int(n)) for n in (np.ceil(high) - begin).max(axis=1) + 1)):
+    for step in product(*(range(int(n)) for n in (np.ceil(high) - begin).max(axis=1) + 1)):  # check 6.22
         at = np.clip(begin + np.array(step)[:, None], low, high)
         node = np.minimum(np.floor(at), np.array(table.shape)[:, None] - 2.0).astype(np.int64)
         share, value, most = at - node, np.zeros(low.shape[1]), np.zeros(low.shape[1])
@@ -291,19 +291,20 @@ def at_points(table: Array, low: Array, high: Array) -> Array:
             weight = np.prod([s if up else 1.0 - s for s, up in zip(share, side, strict=True)], axis=0)
             own = table[tuple(n + up for n, up in zip(node, side, strict=True))]
             value, most = value + weight * own, np.maximum(most, np.abs(own))
-        slack = (2.0**table.ndim + 2 * table.ndim) * UNIT * most
+        slack = (2.0**table.ndim + 2 * table.ndim) * UNIT * most  # check 6.37
         out = np.stack([np.minimum(out[0], value - slack), np.maximum(out[1], value + slack)])
     return out
 
 
 def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
     """As `at_points`, but of all nodes around a box, in blocks of so many that few are looked up."""
-    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
+    first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23
     blocks = tuple(1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1))
     if blocks not in kept:
         least = most = table
         for axis, block in enumerate(blocks):
             begins = np.arange(0, table.shape[axis], block)
+            # check 6.38
             least, most = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(most, begins, axis)
         kept[blocks] = least, most
     least, most = kept[blocks]
@@ -315,6 +316,7 @@ def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
     return out
 
 
+# check 6.35
 RULES: dict[str, tuple[int, Callable[..., Interval]]] = {  # name: number of operands, rule
     "add": (2, add),
     "sub": (2, sub),

@@ -58,14 +58,14 @@ def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
 
 def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
     """A number of the head, from `least` to `most`."""
-    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most  # check 7.29
     expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
     return float(value)
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
     """So many numbers of the head."""
-    expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)
+    expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)  # check 7.33
     return [real(name, value, least) for value in values]
 
 
@@ -171,7 +171,7 @@ def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_
 def fraction(text: Any) -> Fraction:
     """A fraction of two whole numbers that are not absurdly long; ValueError where it is none."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
-    expect(bool(fits), "cells must be stated as fractions", text)
+    expect(bool(fits), "cells must be stated as fractions", text)  # check 7.39
     return Fraction(text)
 
 
@@ -180,11 +180,12 @@ class Sensing:
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
         error = head.get("error", 0.0)
+        # check 7.34
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
         self.delay = real("delay", head.get("delay", 0.0), 0.0, delta)
-        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)
+        self.jitter = real("jitter", head.get("jitter", 0.0), 0.0, delta / 2)  # check 7.32
         self.memory = head.get("memory", False)
-        expect(self.memory in (True, False), "memory must be true or false", self.memory)
+        expect(self.memory in (True, False), "memory must be true or false", self.memory)  # check 7.8
 
     def __bool__(self) -> bool:
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0
@@ -198,6 +199,7 @@ class Sets:
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
+        # check 7.38
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
         self.axes = [(fraction(low), fraction(width), *map(fraction, extent)) for low, width, extent in ends]
         expect(len(self.axes) == len(shape) == ndim, f"the problem has {ndim} axes", shape)
@@ -217,7 +219,7 @@ class Sets:
         for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
             begin, end = float(low), float(low + (least + most) / 2)
             inner = [float(low + i * width) for i in range(n - a - b)]
-            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))
+            out.append(np.array([*[begin] * a, *inner, end, *[end] * b]))  # check 1.9
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
@@ -225,8 +227,8 @@ class Sets:
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):
-            n = cells - some
-            fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)
-            if not (fits and (n - 1) * width < least and n * width >= most):
+            n = cells - some  # check 1.10
+            fits = least <= shortest and most >= longest and most - least <= doubt and begin in (None, low)  # check 1.1
+            if not (fits and (n - 1) * width < least and n * width >= most):  # check 1.2
                 wrong.append(f"axis {axis}: {n} cells of width {float(width):.6g} do not cover it")
         return wrong

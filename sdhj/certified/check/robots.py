@@ -48,7 +48,7 @@ from sdhj.certified.check.reading import (
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
-STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds
+STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds  # check 3.27
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
@@ -59,7 +59,7 @@ STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 14  # boxes
 MOST_IN_BALLS = 100  # cells
 MOST_INPUTS = 1 << 16
-ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it
+ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
@@ -67,11 +67,11 @@ Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axe
 
 def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, depth: int) -> Array:
     """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
-    out = holds(boxes)
+    out = holds(boxes)  # check 3.38
     left = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
     some, good = boxes[:, left], np.ones(left.size, np.bool_)
     centre = np.where(along, some.mean(axis=0), some[1])
-    for upper in product(*((False, True) if one else (False,) for one in along)):
+    for upper in product(*((False, True) if one else (False,) for one in along)):  # check 4.29
         if good.any():
             half = np.stack([np.where(upper, centre, some[0]), np.where(upper, some[1], centre)])
             good[good] = everywhere(holds, half[:, good], along, depth - 1)
@@ -90,8 +90,9 @@ class Robot(Sets):
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
+        # check 7.36
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
-        expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)
+        expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)  # check 7.35
         self.delta = real("delta", head["delta"], SMALLEST)
         self.scale = np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         self.near = NEAR * self.scale
@@ -101,8 +102,9 @@ class Robot(Sets):
         self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
+        # check 7.15
         expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
-        self.length = self.delta + 2 * self.jitter  # of an interval, at most
+        self.length = self.delta + 2 * self.jitter  # of an interval, at most  # check 3.14
         self.always = 0.0, self.time(self.steps) + self.jitter
         self.stays, self.periodic = self.target is None, self.grid.periodic
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
@@ -130,21 +132,24 @@ class Robot(Sets):
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
+        # check 7.37
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
         fits = len(flags) == ndim and {True, False}.issuperset(flags)
-        expect(fits, f"the problem has {ndim} axes", flags)
+        expect(fits, f"the problem has {ndim} axes", flags)  # check 7.40
         self.known = np.array(flags, np.bool_)
         self.strides = np.where(self.known, np.cumprod([1, *np.where(self.known, self.counts, 1)[:0:-1]])[::-1], 0)
-        self.off = np.array(reals("unsure", stated["unsure"], ndim, 0.0))
+        self.off = np.array(reals("unsure", stated["unsure"], ndim, 0.0))  # check 7.41
+        # check 7.16
         expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
         moving, pairs = timed or any(part.moving for part in self.unsafe), (self.steps + 1) * (self.steps + 2) // 2
-        moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim
+        moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim  # check 7.12
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.timeless = len(self.index) != pairs
-        fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))
+        fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))  # check 7.13
         fits = fits and (self.target is not None or not endless or len(self.index) == 1)
+        # check 7.14
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def cover(self) -> list[str]:
@@ -152,21 +157,22 @@ class Robot(Sets):
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
             length = decimal(upper) - decimal(lower)
-            ends.append((decimal(lower), length, length, length / 2**40 if periodic else Fraction(0)))
+            ends.append((decimal(lower), length, length, length / 2**40 if periodic else Fraction(0)))  # check 1.4
         wrong = self.uncovered(ends)
         for k, side in product(range(len(ends)), (0, 1)):
-            at_wall = grid.ends[k][side] == "wall" and not grid.periodic[k] and self.known[k]
+            at_wall = grid.ends[k][side] == "wall" and not grid.periodic[k] and self.known[k]  # check 1.7
             wrong += [] if at_wall or not self.layers[k][side] else [f"axis {k}: a layer where no wall holds"]
         for axis in np.flatnonzero(~self.known):
             n, (_, width, _, most) = int(self.counts[axis]), self.axes[axis]
             free = "wall" not in grid.ends[axis] or self.moves.steady(int(axis), bool(self.sensing))
+            # check 1.5
             alike = abs(n * width - most) <= STICKS_OUT * float(self.scale[axis]) if self.periodic[axis] else free
             wrong += [] if alike else [f"axis {axis}: its cells do not move alike"]
         return wrong
 
     def time(self, step: int) -> float:
         """When the input of a step begins, but for jitter."""
-        return step * self.delta + self.delay
+        return step * self.delta + self.delay  # check 4.41
 
     def ends(self, cells: Array, wider: Any = 0.0) -> Array:
         """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
@@ -181,7 +187,7 @@ class Robot(Sets):
     def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
         """Bounds of a level set, both (M,)."""
         if isinstance(part.function, BlackBox):
-            self.trusted.add(part.name)
+            self.trusted.add(part.name)  # check 1.15
         least, most = self.cut(part.axes, box, lambda low, high: part.function.bounds(low, high, times))
         return least[:, 0], most[:, 0]
 
@@ -201,13 +207,14 @@ class Robot(Sets):
             if not self.periodic[axis]:
                 np.clip(box[:, :, column], least, most, out=box[:, :, column])
                 continue
-            full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)
+            full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)  # check 4.43
             a[:], b[:] = np.where(full, least, np.maximum(a - turns, least)), np.where(full, most, b - turns)
             if (over := b > most).any():
                 second = box[:, over]
                 second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
                 b[over] = most
                 (low, high), beyond = self.cut(axes, box, bounds), self.cut(axes, second, bounds)
+                # check 4.42
                 low[over], high[over] = np.minimum(low[over], beyond[0]), np.maximum(high[over], beyond[1])
                 return low, high
         low, high = bounds(box[0], box[1])
@@ -221,17 +228,17 @@ class Robot(Sets):
         What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
         from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
         """
-        room, wrong, stride = self.off - self.error, [], self.delay / STRIDES
+        room, wrong, stride = self.off - self.error, [], self.delay / STRIDES  # check 3.37
         places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
         boxes = np.where(self.known, self.ends(places), np.array([self.grid.lower, self.grid.upper])[:, None])
         cuts = [
             (self.time(step) - self.delay + stride * part, self.time(step) - self.delay + stride * (part + 1))
             for step, part in product(range(self.steps), range(STRIDES))
         ]
-        inputs = range(self.count if self.delay else 0)
-        for j, times in product(inputs, cuts if self.moves.timed else cuts[:1]):
+        inputs = range(self.count if self.delay else 0)  # check 3.41
+        for j, times in product(inputs, cuts if self.moves.timed else cuts[:1]):  # check 3.42
             slow, fast = self.velocity(j, boxes, times)
-            travel = [np.minimum(slow, 0).min(axis=0), np.maximum(fast, 0).max(axis=0)]
+            travel = [np.minimum(slow, 0).min(axis=0), np.maximum(fast, 0).max(axis=0)]  # check 3.40
             if not self.stays_near(j, boxes, times, room, stride * np.array(travel)[:, None]).all():
                 wrong.append(f"input {j}, from {times[0]:.3g} s on")
         return wrong
@@ -246,37 +253,38 @@ class Robot(Sets):
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
         grid, cells = self.grid, self.cells_at(places)
+        # check 3.26
         at = np.where(self.known, self.ends(cells, self.near), np.array([grid.lower, grid.upper])[:, None])
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
         swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
-        cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter
+        cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
-            stopped = np.clip(at + moved, *bars)
+            stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
-        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)
+        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)  # check 3.9
         least, most = moved  # of all that may be its end
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
-            soon = [self.length * AT_FIRST] if part == 0 and any(map(any, self.layers)) else []
+            soon = [self.length * AT_FIRST] if part == 0 and any(map(any, self.layers)) else []  # check 1.11
             for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
-                if begin <= soonest:
+                if begin <= soonest:  # check 3.17
                     least, most = moved
-                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))
-                a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])
-                least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))  # check 3.19
+                a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])  # check 4.28
+                least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])  # check 3.16
             swept[:, part, 0], swept[:, part, 1] = a, b
         last = np.stack([least, most]) if self.jitter else moved
-        if not self.sensing.memory:
-            return swept, held(last + OUTWARD * self.off)
+        if not self.sensing.memory:  # check 3.11
+            return swept, held(last + OUTWARD * self.off)  # check 3.10
         first, second = (
             at + last - OUTWARD * self.off
         )  # what is carried on is that much farther inside, or in the middle
-        middle = (first > second) & self.known
-        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))
+        middle = (first > second) & self.known  # check 3.13
+        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))  # check 3.12
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
@@ -285,21 +293,23 @@ class Robot(Sets):
             room = box + OUTWARD * self.known * (grown + some)
             out = np.stack(self.velocity(j, room, times))
             far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
-            if (~self.known | (OUTWARD * (room - box - far) > 0)).all():
+            if (~self.known | (OUTWARD * (room - box - far) > 0)).all():  # check 3.22
                 break
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
+        # check 1.12
         more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-        room = box + self.known * (far + more)  # all that is reached from the box within the piece
+        room = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
         faces = list(product(np.flatnonzero(self.known), (0, 1)))
         every = np.tile(room, (1 + len(faces), 1, 1, 1))
         for face, (axis, side) in zip(every[1:], faces, strict=True):
-            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]
+            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]  # check 3.24
+        # check 3.21
         found = np.stack(self.velocity(j, np.concatenate(every, axis=1), times)).reshape(2, len(every), *room.shape[1:])
         out = found[:, 0]
         for own, (axis, side) in enumerate(faces, start=1):
-            out[side, :, axis] = found[side, own, :, axis]
+            out[side, :, axis] = found[side, own, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
@@ -309,13 +319,14 @@ class Robot(Sets):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
             first, last = low * float(width), high * float(width)
             if any(self.layers[axis]):  # a layer's cells have no width, but what is past the wall counts as in it
-                own, begin = cells[:, axis], float(lower - self.layers[axis][0] * width)
-                first = begin + (own + low) * float(width) - self.edges[axis][own]
+                own, begin = cells[:, axis], float(lower - self.layers[axis][0] * width)  # check 1.8
+                first = begin + (own + low) * float(width) - self.edges[axis][own]  # check 3.8
                 last = begin + (own + high + 1) * float(width) - self.edges[axis][own + 1]
-            if self.periodic[axis] and self.known[axis]:  # cells need not be alike
+            if self.periodic[axis] and self.known[axis]:  # cells need not be alike  # check 3.29
                 own, n, edges, length = cells[:, axis], self.counts[axis], self.edges[axis], float((least + most) / 2)
                 sides = enumerate((own + low, own + high + 1))
                 first, last = (edges[at % n] + at // n * length - edges[own + side] for side, at in sides)
+            # check 3.28
             fits &= (first <= moved[0, :, axis] + sticks[axis]) & (moved[1, :, axis] <= last + sticks[axis])
         return fits
 
@@ -324,8 +335,8 @@ class Robot(Sets):
 
         def near(box: Array) -> Array:
             calm = self.velocity(j, box + travel, times, False)
-            wild = self.velocity(j, box + travel + OUTWARD * self.off, times)
-            apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])
+            wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
+            apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
             return np.all(apart * self.delay <= room * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
 
         return everywhere(near, boxes, self.known, NEAREST)
@@ -337,7 +348,7 @@ class Robot(Sets):
 
         def holds(some: Array) -> Array:
             least, most = self.value(part, some, times)
-            return most <= 0 if inside else least > 0
+            return most <= 0 if inside else least > 0  # check 4.31
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
@@ -345,25 +356,26 @@ class Robot(Sets):
         """Whether tubes swept[at] from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.inside(ends, swept, at)
-        whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]
-        if not there.all():
-            until = np.where(there[:, :, None, None], swept[at], swept[at, :1])
+        whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
+        if not there.all():  # check 4.45
+            until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
             whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
             room = ROOM * grid.spacing[axis]
-            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")
-            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")
-        cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]
-        for part in self.unsafe:
+            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
+            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
+        cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
+        for part in self.unsafe:  # check 4.30
             own, left = list(part.axes), np.flatnonzero(out)
             if not part.moving:  # often the whole tube at once will do
+                # check 4.32
                 left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)]
             for piece, times in enumerate(pairwise(cuts)):
-                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near
-                when = times[0] - self.jitter, times[1] + self.jitter
+                box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near  # check 4.33
+                when = times[0] - self.jitter, times[1] + self.jitter  # check 4.40
                 good = self.outside(part, box[..., own], self.always if not part.moving else when, depth)
                 good |= ~there[left, piece]
-                out[left[~good]], left = False, left[good]
+                out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
     def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
@@ -375,7 +387,7 @@ class Robot(Sets):
         looked_at, out = np.isin(first @ self.strides, places), np.zeros(len(first), np.bool_)
         for begin in range(0, len(first), BOXES_AT_ONCE):
             some = begin + np.flatnonzero(looked_at[begin : begin + BOXES_AT_ONCE])
-            last = np.minimum(first[some] + sides, counts) - 1
+            last = np.minimum(first[some] + sides, counts) - 1  # check 4.34
             ends = np.stack([self.ends(first[some])[0], self.ends(last)[1]])
             out[some] = self.clear_holds(ends, step, swept, at[some], 0)
         out = out.reshape(shape)
@@ -388,16 +400,17 @@ class Robot(Sets):
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
             a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
-            left |= (b < grid.lower[axis] - self.near[axis]) & self.safe[axis, 0]
-            left |= (a > grid.upper[axis] + self.near[axis]) & self.safe[axis, 1]
+            left |= (b < grid.lower[axis] - self.near[axis]) & self.safe[axis, 0]  # check 4.47
+            left |= (a > grid.upper[axis] + self.near[axis]) & self.safe[axis, 1]  # check 4.48
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
+        # check 5.15
         times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
-        box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)
+        box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
         for part in self.unsafe:
-            out &= self.outside(part, box[..., list(part.axes)], times)
+            out &= self.outside(part, box[..., list(part.axes)], times)  # check 5.14
         if self.target is None:
             return out
         return out & self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)
@@ -436,9 +449,10 @@ class Robot(Sets):
         """Whether an input is clear from cells, and all cells that it may lead to are in a set with such sums: (M,)."""
         cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
-        out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1
+        out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1  # check 3.45
         left = np.flatnonzero(out)
         first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
+        # check 3.49
         gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
         turns, whole = first // self.counts * self.counts, last - first > most
         first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
@@ -447,7 +461,7 @@ class Robot(Sets):
         for corner in product((0, 1), repeat=cells.shape[1]):
             at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
             total += sums[at] * (-1) ** corner.count(0)
-        out[left] = gone | (total == np.prod(last - first + 1, axis=1))
+        out[left] = gone | (total == np.prod(last - first + 1, axis=1))  # check 3.44
         return out
 
     # ---- claims
@@ -458,7 +472,7 @@ class Robot(Sets):
         yield Claim(COVER, ndim, ndim, wrong)
         if wrong:
             return
-        if self.sensing:
+        if self.sensing:  # check 3.36
             yield Claim("predictions are as near as stated", self.count, self.count, self.known_within())
         size = math.prod(self.counts.tolist())
         chosen = np.full(size, samples is None)
@@ -492,8 +506,8 @@ class Robot(Sets):
         places = np.unique(at)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
-        for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):
-            steps = range(len(self.clear)) if starts == 1 else [start]
+        for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):  # check 4.27
+            steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             flags = {step: (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
             open_ = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
             made += sum(int(f.sum()) for f in flags.values())
@@ -510,8 +524,8 @@ class Robot(Sets):
                 held = np.empty(looked_at.size, np.bool_)
                 for begin in range(0, looked_at.size, BOXES_AT_ONCE):
                     own = slice(begin, begin + BOXES_AT_ONCE)
-                    swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)
-                    held[own] = self.moves_hold(looked_at[own], start, j, last)
+                    swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)  # check 3.20
+                    held[own] = self.moves_hold(looked_at[own], start, j, last)  # check 3.30
                 moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
                     if finer == FINER[0] and not self.known.all():
@@ -534,7 +548,7 @@ class Robot(Sets):
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
         starts = range(1 if self.timeless else self.steps + 1)
         if len(self.index) == 1:  # what is safe for ever: it leads into itself
-            rows = [(0, 0), (0, 1)]
+            rows = [(0, 0), (0, 1)]  # check 3.48
         else:
             rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
         for step, within in tqdm(rows, desc="sets", disable=silent):
@@ -542,16 +556,16 @@ class Robot(Sets):
             name = NEARER if within else GOALS
             if within:
                 less = self.bits(step, within - 1)
-                if ((here & ~less) if self.stays else (less & ~here)).any():
+                if ((here & ~less) if self.stays else (less & ~here)).any():  # check 2.2
                     failed[GROW].append(f"start {step}, within {within}")
-                new = here if self.stays else here & ~less
+                new = here if self.stays else here & ~less  # check 3.47
             numbers = np.flatnonzero(new & chosen)
             counted[name][0] += int(new.sum())
             counted[name][1] += numbers.size
             if not within:
                 good = by_slabs(partial(self.goals_hold, step=step), numbers)
             else:
-                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))
+                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
         yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():

@@ -65,8 +65,8 @@ def touch_swept(link, moves1, moves2, arm, agent, room, block):
     for part in range(parts):
         n, remainder = links.link_points(link, moves1[part], moves2[part], arm, room)
         size = links.convex_hull(n, room)
-        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
-        radius = agent.radius + CONTACT_MARGIN + remainder
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.34
+        radius = agent.radius + CONTACT_MARGIN + remainder  # obligation 7.33
         links.touch_cells(size, radius, growth, agent, rows, room, block)
 
 
@@ -119,7 +119,7 @@ def disks_met(disks, instant, near, wanted, arm, room):
                 continue
             for disk in range(radii.size):
                 px, py = centres[step, disk, 0], centres[step, disk, 1]
-                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN
+                gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN  # obligation 7.34
                 if px < left - gap or px > right + gap or py < low - gap or py > high + gap:
                     continue
                 if links.hull_distance(px, py, size, room) <= gap:
@@ -144,7 +144,7 @@ def steps_blocked(cell, disks, arm, room, wanted):
             joints_during(cell, span * here, span * (here + 1), room)
             left = disks_met(disks, instant, span / 2, left, arm, room)
             if deep == disks.depth:
-                blocked |= left
+                blocked |= left  # obligation 4.31
             elif left != 0:
                 joints_during(cell, span * (here + 0.5), span * (here + 0.5), room)
                 blocked |= disks_met(disks, instant, 0.0, left, arm, room)
@@ -204,7 +204,7 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
                     dx = max(abs(room.x[corner] - left), abs(room.x[corner] - right))
                     dy = max(abs(room.y[corner] - low), abs(room.y[corner] - high))
                     furthest = max(furthest, math.hypot(dx, dy))
-                if furthest + remainder + CONTACT_MARGIN <= radius:
+                if furthest + remainder + CONTACT_MARGIN <= radius:  # obligation 7.32
                     set_bits(out[i1, i2], bit, bit + 1)
 
 
@@ -243,7 +243,7 @@ def pursuer_meets(cell, j, motion, room, block):
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
     for part in range(parts):
-        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts
+        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.35
         ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
         for link in range(LINKS):
             n, remainder = links.link_points(link, ends1, ends2, motion.arm, room)

@@ -100,7 +100,7 @@ class Scene:
     def spans(self) -> tuple[Fraction, Fraction]:
         """How long an input is held at least and at most."""
         late = 2 * decimal(self.sensing.jitter)
-        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late
+        return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late  # check 3.4
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
         """All inputs, exactly, the first component slowest."""
@@ -137,7 +137,7 @@ def refuse_large(world: World, steps: int) -> None:
     angles = (np.abs(disks[:, 5]) * end + np.abs(disks[:, 6])) * LONGEST_LENGTH / LARGEST_ANGLE
     sizes = np.array([*world.arm, world.agent[1], *moves, *edges, *places.ravel(), *angles])
     least = min(world.delta, world.push, world.agent[0], world.arm[0] - 1e-3, world.arm[1] - 1e-3)
-    if not (sizes <= LONGEST_LENGTH).all() or not least >= 0.0:
+    if not (sizes <= LONGEST_LENGTH).all() or not least >= 0.0:  # check 7.1
         raise ValueError(
             f"the check's bound on rounding holds for links of at least 1 mm and lengths, places and moves in one "
             f"interval from 0 to {LONGEST_LENGTH:g} (metres, radians); this file has links of {world.arm[0]:g} and "
@@ -175,7 +175,7 @@ class Arm(Sets):
         """What is wrong with the cells: those of a joint hold a turn, 2 pi."""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
-        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)
+        return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """All claims; those of single cells in some rows only."""
@@ -230,15 +230,16 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
     """
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
+    # check 3.3
     off = 0 if arm.scene.sensing.memory else 2 * arm.scene.off(axis)  # a point that is carried on moves as the state
     back, ahead = min(slow * span for span in arm.scene.spans()), max(fast * span for span in arm.scene.spans())
     out = []
     for cell in range(n):
         found: set[int] = set()
         for period in extent:
-            low = cell * width + back - off
-            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off
-            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):
+            low = cell * width + back - off  # check 3.1
+            high = (period if cell == n - 1 else (cell + 1) * width) + ahead + off  # check 3.2
+            for lap in (-2, -1, 0, 1, 2) if axis < 2 else (0,):  # check 3.5
                 start, stop = low - lap * period, high - lap * period
                 if stop > 0 and start < period:
                     first, last = max(start // width, 0), min(-(-stop // width) - 1, n - 1)
@@ -273,7 +274,7 @@ def counted(arm: Any) -> tuple[Array, Claim]:
         less = index[place - 1] if within else np.zeros_like(here)
         rows = np.flatnonzero(here != less) if within else np.arange(here.size)
         new, old = pool[here[rows]], pool[less[rows]]
-        if within and (old & ~new).any():
+        if within and (old & ~new).any():  # check 2.1
             wrong.append(f"start {start}: the set within {within - 1} is not inside the one within {within}")
         new &= ~old if within else ~np.uint64(0)
         deep = inner[here[rows]]

@@ -47,7 +47,7 @@ def bench_of(i1, i2, world):
     """Room to work on the row of two joint cells."""
     nx, part = world.x.size - 1, np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
-    part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push
+    part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push  # check 4.13
     return Bench(part, np.empty(nx), np.empty(nx), np.empty((STACK, BOUNDS)))
 
 
@@ -59,9 +59,9 @@ def check_flags(i1, i2, world, stored):
     for start in range(len(stored.allowed)):
         for j in range(len(world.inputs)):
             if stored.allowed[start, j, i1, i2]:
-                t = start * world.delta + world.begin
+                t = start * world.delta + world.begin  # check 4.26
                 if not clear((0, len(world.disks)), bench.part, world.inputs[j], t, world, bench.stack):
-                    failed, example = failed + 1, start * len(world.inputs) + j
+                    failed, example = failed + 1, start * len(world.inputs) + j  # check 4.25
     return failed, example
 
 
@@ -76,29 +76,29 @@ def check_goals(world, stored, bench, todo):
         return
     if world.chased:
         near = need.copy()
-        sweep(0, 0.0, world, bench, near)
+        sweep(0, 0.0, world, bench, near)  # check 5.9
         need &= ~near
-        settle(still, 0.0, world, bench, need)
+        settle(still, 0.0, world, bench, need)  # check 5.10
         need |= near
     else:
         for bit in range(64 * need.size):
             if has(need, bit):
                 agent_cell(bit, 0.0, world, bench.part)
-                if not tip_inside(bench.part, 0.0, world, bench.stack):
+                if not tip_inside(bench.part, 0.0, world, bench.stack):  # check 5.13
                     drop(need, bit, bit + 1)
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0 and any_bit(todo[place]):
             t = stored.pairs[place, 0] * world.delta + world.begin
-            if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):
-                if not world.chased or tip_inside(bench.part, t, world, bench.stack):
+            if clear((0, len(world.disks)), bench.part, still, t, world, bench.stack):  # check 5.11
+                if not world.chased or tip_inside(bench.part, t, world, bench.stack):  # check 5.12
                     todo[place] &= ~need
 
 
 @compiled()
 def reaching(ends1, ends2, blocks, n2, eroded, bits):
     """Keep of the bits those from which everything that can be reached is in one set, at the ends of both joints."""
-    for a in range(ends1.size):
-        for b in range(ends2.size):
+    for a in range(ends1.size):  # check 5.2
+        for b in range(ends2.size):  # check 5.3
             if (a > 0 and ends1[a] == ends1[a - 1]) or (b > 0 and ends2[b] == ends2[b - 1]):
                 continue
             bits &= eroded[blocks[ends1[a] * n2 + ends2[b]]]
@@ -117,19 +117,19 @@ def check_steps(i1, i2, world, stored, bench, todo):
             need[:] = NONE
             for place in range(len(todo)):
                 start, within = stored.pairs[place, 0], stored.pairs[place, 1]
-                if within > 0 and stored.allowed[start, j, i1, i2] and any_bit(todo[place]):
+                if within > 0 and stored.allowed[start, j, i1, i2] and any_bit(todo[place]):  # check 5.6
                     able[place] = todo[place]
-                    after = stored.places[place + steps - start]  # S_{k+1}^{n-1}
+                    after = stored.places[place + steps - start]  # S_{k+1}^{n-1}  # check 5.4
                     reaching(stored.ends1[j, i1], stored.ends2[j, i2], after, n2, stored.eroded, able[place])
                     need |= able[place]
             if not any_bit(need):
                 continue
             if world.chased and careful:
-                settle(world.inputs[j], world.held, world, bench, need)
+                settle(world.inputs[j], world.held, world, bench, need)  # check 5.8
             elif world.chased:
-                sweep(j, world.held, world, bench, need)
+                sweep(j, world.held, world, bench, need)  # check 5.7
             for place in range(len(todo)):
-                todo[place] &= ~(able[place] & need)
+                todo[place] &= ~(able[place] & need)  # check 5.5
 
 
 @compiled()
