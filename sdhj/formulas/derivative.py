@@ -13,7 +13,7 @@ import numpy as np
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
 from sdhj.formulas.narrowing import ZERO, squares
-from sdhj.formulas.rules import RULES, settled, turned
+from sdhj.formulas.rules import RULES, angle_rate, settled
 
 ONE = constant(1.0)
 EITHER = make("cos", make("arctan2", ZERO, constant(-1.0)))  # on arctan2's cut: its interval is [-1, 1]
@@ -70,7 +70,7 @@ def _turning(one: Node, found: Found) -> Node:
     if one.op == "mod" and one.args[1] is TURN:
         return _turning(one.args[0], found)
     if one.op == "arctan2":
-        turn: Node = turned(make, one.args, [found[arg] for arg in one.args])
+        turn: Node = angle_rate(make, one.args, [found[arg] for arg in one.args])
         return turn
     return found[one]
 

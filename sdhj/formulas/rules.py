@@ -115,7 +115,7 @@ def settled(make: Make, one: Any) -> Any:
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
-def turned(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
+def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
     """How an angle of (x, y), y first, turns."""
     return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
 
@@ -141,7 +141,7 @@ def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
-    return turned(make, a, d) + cut
+    return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:

@@ -30,7 +30,7 @@ LARGEST = np.finfo(np.float64).max
 
 # Intervals follow from values at ends: an operation falls with its first operand, or rises, or does so with absolute
 # values. Then the ends move outward, by a share and by what a tiny result, or 0, may be off.
-FALLS, ABSOLUTE, DIRECT, ROUNDED, NEAR_ZERO, LOWEST, HIGHEST, COLUMNS = range(8)  # columns of what is known of an operation
+FALLS, ABSOLUTE, DIRECT, ERROR, NEAR_ZERO, LOWEST, HIGHEST, COLUMNS = range(8)  # columns of what is known
 
 
 class Tape(NamedTuple):
@@ -361,7 +361,7 @@ def _outward(op, fact, room, i, j, k, n, count):
             shift = 0.25 if op == SIN else 0.0  # obligation 7.11
             out[0, m], out[1, m] = intervals.wave(a[0, m], a[1, m], out[0, m], out[1, m], shift)
     # obligation 7.22
-    share, tiny = fact[ROUNDED] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ROUNDED] > 0.0 else 0.0
+    share, tiny = fact[ERROR] if op != POWER else (abs(n) + 3.0) * STEP, TINY if fact[ERROR] > 0.0 else 0.0
     zero, lowest, highest = fact[NEAR_ZERO], fact[LOWEST] if op != POWER or n % 2 != 0 else 0.0, fact[HIGHEST]
     for m in range(count):
         low, high = intervals.widened(out[0, m], out[1, m], share, tiny, zero)
