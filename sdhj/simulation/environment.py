@@ -112,8 +112,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
-        batch = self.table.batch(self.state[None], self.now, self.table.steps - self.now)
-        mask[:] = self.controller.checked(batch)[0]
-        if not mask.any():
-            mask[self.controller.fallback(self.state, self.now).input] = 1
-        return {"outcome": "", "action_mask": mask, "promised": bool(batch.promised[0])}
+        each = np.arange(len(mask))
+        told = self.controller.filter(np.repeat(self.state[None], len(mask), axis=0), self.now, each)
+        mask[:] = ~told.changed
+        return {"outcome": "", "action_mask": mask, "promised": bool(told.promised[0])}

@@ -248,7 +248,7 @@ class ProjectedSets(GridSets):
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
         kept = [0.0] * len(games.subspaces)
-        for goal in (shrunk(problem, problem.goal(k)) for k in starts):
+        for goal in (shrunk(problem, problem.goal(k)).astype(games.dtype, copy=False) for k in starts):
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 

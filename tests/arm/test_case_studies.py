@@ -294,7 +294,7 @@ def test_a_problem_of_your_own_has_no_scene():
         ({"steps": 0}, "steps must be a whole number from 1 to 1,000,000, got 0"),
         ({"steps": 2.5}, "steps must be a whole number .*, got 2.5"),
         ({"input_levels": 1}, "input_levels must be a whole number from 2 .*, got 1"),
-        ({"input_levels": 17}, "input_levels must be a whole number from 2 to 16, got 17"),
+        ({"input_levels": 257}, "input_levels must be a whole number from 2 to 256, got 257"),
         ({"view_time": "guessed"}, "view_time must be one of swept, sampled, instantaneous, got 'guessed'"),
         ({"kinematics": "scara"}, "kinematics must be one of relative, printed, got 'scara'"),
         ({"delta": 0.0}, "delta must be greater than 0, got 0.0"),
