@@ -88,6 +88,7 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
+        """The command, its errors told in one line with exit status 2."""
         try:
             with announced(progress=True):
                 command(*args, **kwargs)
@@ -171,10 +172,10 @@ def solve_command(
             table.save(kept)
             raise Refusal(f"{error}; the table was saved as {kept} instead") from error
     name, steps = click.format_filename(cast(Path, output or store)), table.steps
-    what = "stays clear" if problem.stays else "target reachable"
+    what = "stays clear" if problem.has_no_target else "target reachable"
     share, took = table.fraction(start=0, within=steps), table.details["seconds"]
     lasting = f"within {steps} steps"
-    if problem.stays:
+    if problem.has_no_target:
         settled = table.details.get("settled", table.details.get("endless"))
         lasting = f"for ever, found in {steps} steps" if settled else f"for {steps} steps"
     click.echo(f"{name}: {what} from {share:.1%} of C {lasting}; solved in {took:.1f} s")
@@ -201,13 +202,13 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
         raise ValueError(f"--start must be {controller.problem.grid.ndim} finite numbers, got {reprlib.repr(start)}")
     trajectory = simulate(controller, state, adversary=adversary, seed=seed)
     inputs, held = controller.problem.inputs, len(trajectory.states) // max(len(trajectory.inputs), 1)
-    for place, (t, at) in enumerate(zip(trajectory.times, trajectory.states, strict=True)):
+    for i, (t, at) in enumerate(zip(trajectory.times, trajectory.states, strict=True)):
         line = f"{t:7.3f} s  " + "  ".join(f"{x:+8.4f}" for x in at)
-        if held and place % held == 0 and place // held < len(trajectory.inputs):
-            j = int(trajectory.inputs[place // held])
+        if held and i % held == 0 and i // held < len(trajectory.inputs):
+            j = int(trajectory.inputs[i // held])
             line += f"  input {j}: ({', '.join(format(u, 'g') for u in inputs[j])})"
         click.echo(line)
-    click.echo(f"outcome: {outcome_name(trajectory.outcome, controller.problem.stays)}")
+    click.echo(f"outcome: {outcome_name(trajectory.outcome, controller.problem.has_no_target)}")
 
 
 @main.command()
@@ -432,7 +433,7 @@ def plot_command(
         else:
             run = simulate(Controller(read), np.array(numbers("start", start)), adversary=adversary)
             plotting.draw_run(ax, read, run, axes=along)
-            click.echo(f"outcome: {outcome_name(run.outcome, read.problem.stays)}")
+            click.echo(f"outcome: {outcome_name(run.outcome, read.problem.has_no_target)}")
         with replaced_whole(output) as temporary:
             figure.savefig(temporary)
     click.echo(f"{output}: {' and '.join(read.grid.names[axis] for axis in along)} of {read.problem.name!r}")
@@ -444,6 +445,7 @@ def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int]
         raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
 
     def axis_of(name: str) -> int:
+        """The number of an axis by its name; ValueError if there is none."""
         if name.strip() not in grid.names:
             raise ValueError(f"there is no axis {name.strip()!r}; the axes are {', '.join(grid.names)}")
         return list(grid.names).index(name.strip())

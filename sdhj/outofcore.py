@@ -32,7 +32,16 @@ from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recurs
 from sdhj.solver.resolution import check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
-from sdhj.table.store import STORE_FORMAT, Store, StoredTable, create, free_name, load_stored, opened_store, room_for
+from sdhj.table.store import (
+    STORE_FORMAT,
+    Store,
+    StoredTable,
+    create,
+    free_name,
+    load_stored,
+    opened_store,
+    require_disk,
+)
 
 __all__ = ["StoredTable", "load_stored", "solve_stored"]
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
@@ -51,7 +60,7 @@ def solve_stored(
     memory: int | None,
     operations: float,
 ) -> StoredTable:
-    """As `sdhj.solve` with a store: see there."""
+    """Solve into a store on disk, slab by slab; the arguments are those of `sdhj.solve`."""
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     started, path = time.perf_counter(), Path(os.path.abspath(path))
@@ -66,10 +75,11 @@ def solve_stored(
             plan = planned(problem, method, room=room_of(memory, client))
         begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:
-            room_for(path, plan.layout.nbytes)
+            require_disk(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
         def slabs_done(number: int) -> None:  # here the games tell, more often
+            """Tell the progress bar how many slabs the workers have done."""
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
 
@@ -82,13 +92,14 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """What does tasks and yields what `work` returns: this process, or the workers of a Dask client.
+    """A function that does tasks and yields what `work` returns: here, or by the workers of a Dask client.
 
     Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
     path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
+        """Have the workers of a Dask client do tasks; yields what each returns, in any order."""
         futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
             for future in importlib.import_module("distributed").as_completed(futures):
@@ -104,7 +115,7 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """As `work`, where no other thread does."""
+    """Do a task in a worker, one at a time."""
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 

@@ -22,7 +22,7 @@ from sdhj.solver.avoid import dangers
 from sdhj.solver.former import Former, Kept
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
-from sdhj.solver.recursion import GridSets, Sets, recursion
+from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
 from sdhj.table.batches import PLAYER, Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
@@ -190,7 +190,7 @@ def resolve(
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
     most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
     if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
-        former = Former(table, problem, chosen, dangers(table.problem.rimmed))
+        former = Former(table, problem, chosen, dangers(table.problem.padded))
     for finding in () if former and former.alike and former.same_target else suspicions(problem):
         tell(finding)
     started = time.perf_counter()
@@ -207,7 +207,7 @@ def _reusable(table: Table, method: Method, former: Former | None = None) -> Tab
 
 
 def _rehearsed(table: Table) -> dict[str, Any]:
-    """What simulated runs say of a solved table, for its details; the table is kept whatever they meet."""
+    """The results of simulated runs on a solved table, for its details; whatever they meet, it is kept."""
     try:
         if isinstance(table, CertifiedTable):
             tell(scanty(table))
@@ -249,7 +249,7 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
 
 def _filled(
     problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
-) -> Sets:
+) -> TubeSets:
     """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
@@ -261,6 +261,7 @@ def _filled(
         meter.tube()
 
         def done() -> None:
+            """Tell the progress bar of one more tube."""
             meter.tube()
             if endless:
                 meter.bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)
@@ -270,7 +271,7 @@ def _filled(
         except KeyboardInterrupt:
             if not endless or not sets.filled:
                 raise
-    return cast(Sets, sets)
+    return cast(TubeSets, sets)
 
 
 def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = None) -> "Table":

@@ -315,6 +315,9 @@ def assert_all_that_follows(table):
             less, here = (table.bits(start=step, within=n) for n in (within - 1, within))
             inputs = inputs_that_lead(table, step, table.bits(start=step + 1, within=within - 1))
             follows = inputs.any(axis=-1)
-            assert np.array_equal(here, less & follows if table.problem.stays else less | follows), (step, within)
+            assert np.array_equal(here, less & follows if table.problem.has_no_target else less | follows), (
+                step,
+                within,
+            )
             found = table.certified_inputs(states, step, within).reshape(inputs.shape)
             assert np.array_equal(found, with_neighbours(inputs, table.axes)), (step, within)

@@ -22,7 +22,7 @@ def assert_bit_equal(stored, table) -> None:
     """A table in a store has every bit of the one in memory."""
     for part, whole in ((stored, table), (stored.avoid, table.avoid)):
         for name in (
-            ("index", "tubes", "masks") if part is stored else ("static_axes", "static", "moving_axes", "moving")
+            ("index", "tubes", "marks") if part is stored else ("static_axes", "static", "moving_axes", "moving")
         ):
             one, other = (np.asarray(getattr(of, name)) for of in (part, whole))
             assert (one.dtype, one.shape) == (other.dtype, other.shape), name

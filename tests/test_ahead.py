@@ -13,7 +13,7 @@ import toys
 
 import sdhj
 from sdhj import BlackBox, Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
-from sdhj.kernels.true_sets import LOOK
+from sdhj.kernels.true_sets import TRUE_SETS_TOO
 from sdhj.table.batches import Table
 from sdhj.table.table import LookupTable
 
@@ -161,7 +161,7 @@ def test_boxes_are_those_of_the_slow_twin(name: str, rng: np.random.Generator) -
     problem = PROBLEMS[name]()
     for step in range(problem.steps if problem.dynamics.timed else 1):
         states, rows = states_of(problem, 200, rng), rng.permutation(200)[:60]
-        (told_low, told_high), begin = problem.interval(step).reachable(states[rows]), problem.delta * step
+        (told_low, told_high), begin = problem.interval(step).reachable_boxes(states[rows]), problem.delta * step
         assert told_low.shape == told_high.shape == (60, len(problem.inputs), problem.grid.ndim)
         for r, m in enumerate(rows):
             for j in range(len(problem.inputs)):
@@ -176,11 +176,11 @@ def test_velocities_that_read_nothing_share_one_box() -> None:
     inputs, rest = constant.inputs, (np.eye(2), [0.4, 0.4])
     idle = replace(constant, dynamics=Dynamics(inputs, lambda q, u: np.tile(u, (len(q), 1)), *rest))
     for problem in (constant, idle):
-        low, _ = problem.interval(0).reachable(np.zeros((3, 2)))
+        low, _ = problem.interval(0).reachable_boxes(np.zeros((3, 2)))
         assert low.shape == (1, 9, 2)
         np.testing.assert_allclose(low[0], 0.2 * (problem.inputs - 0.4), rtol=0, atol=1e-15)
     tide = replace(constant, dynamics=Dynamics(inputs, lambda q, u, t: u * t, *rest))
-    moved = [tide.interval(step).reachable(np.zeros((1, 2)))[1][0, 8, 0] for step in range(3)]
+    moved = [tide.interval(step).reachable_boxes(np.zeros((1, 2)))[1][0, 8, 0] for step in range(3)]
     np.testing.assert_allclose(moved, [0.2 * (2.0 * (0.2 * k + 0.1) + 0.4) for k in range(3)], rtol=0, atol=1e-12)
 
 
@@ -193,10 +193,10 @@ def test_drifts_that_are_undefined_between_the_nodes_are_evaluated_for_no_other_
         return u / np.sqrt(np.abs(q[:, 1:] - 0.05) - 0.01)  # not a number between y = 0.04 and 0.06
 
     interval = boat(narrow, np.eye(2)).interval(0)
-    low, high = interval.reachable(rng.uniform([-2, -1.5], [2, -1], (50, 2)))
+    low, high = interval.reachable_boxes(rng.uniform([-2, -1.5], [2, -1], (50, 2)))
     assert np.isfinite(low).all() and (low < high).all()
     with pytest.raises(ValueError, match=r"where the state moves to is undefined or infinite \(nan\) at \[0.0, 0.05\]"):
-        interval.reachable(np.array([[0.0, 0.05]]))
+        interval.reachable_boxes(np.array([[0.0, 0.05]]))
 
 
 # ---- what the controller makes of them
@@ -230,7 +230,7 @@ def test_sets_that_are_played_are_looked_at_as_those_that_python_evaluates(
         for one in (scores, None):
             fast, slow = (table.answers(states, step, within, one) for _ in range(2))
             Table._decide(
-                table, slow, slow.margins if one is None else one, LOOK, np.arange(2000)
+                table, slow, slow.margins if one is None else one, TRUE_SETS_TOO, np.arange(2000)
             )  # into the same arrays
             for field in ("steps_to_go", "safe", "margins", "best"):
                 np.testing.assert_array_equal(getattr(fast, field), getattr(slow, field))

@@ -65,12 +65,14 @@ def test_the_tube_of_a_grid_table_is_a_formula(problem, rng):
     lower, upper = np.array(grid.lower), np.array(grid.upper)
     points = grid.wrapped(rng.uniform(lower - 0.3, upper + 0.3, (2000, grid.ndim)))
     for step in range(table.steps + 1):
-        values = table.values(start=0 if problem.timeless else step, within=1)
+        values = table.values(start=0 if problem.time_invariant else step, within=1)
         expected = np.minimum(grid.interpolate(values, points), max(values.max(), 1.0))
         np.testing.assert_allclose(tube(points, problem.time(step)), expected, rtol=0, atol=1e-14)
         assert (expected <= 0).any() and (expected > 0).any()
-    assert tube.timed != problem.timeless and tube.reads.all()
-    assert sum(one.op == "gridded" for one in ordered(tube.outputs)) <= (1 if problem.timeless else table.steps + 1)
+    assert tube.timed != problem.time_invariant and tube.reads.all()
+    assert sum(one.op == "gridded" for one in ordered(tube.outputs)) <= (
+        1 if problem.time_invariant else table.steps + 1
+    )
     low, high = tube.bounds(points - 0.01, points + 0.01, (problem.time(0), problem.time(0)))
     inside = tube(points + rng.uniform(-0.01, 0.01, points.shape), problem.time(0))
     assert (low <= inside).all() and (inside <= high).all()
@@ -81,13 +83,13 @@ def test_boxes_are_in_a_set_as_plain_loops_say(rng):
     bits, edges = table.bits(start=0, within=1), [axis.edges() for axis in table.axes]
     low = rng.uniform([-1.2, -1.2, -3.0], [1.0, 1.0, 2.5], (3000, 3))
     high = low + rng.uniform(0.0, 0.5, low.shape)
-    every, some = table.over(low, high, start=0, within=1)
+    every, some = table.certified_boxes(low, high, start=0, within=1)
     for m in range(len(low)):
         touched = [(edges[k][:-1] < high[m, k]) & (edges[k][1:] > low[m, k]) for k in range(3)]
         part = bits[np.ix_(*touched)]
         assert (every[m], some[m]) == (part.all(), part.any())
     assert 0.005 < every.mean() < some.mean() < 0.9
-    past = table.over(np.array([[-0.1, -0.1, 3.0]]), np.array([[0.1, 0.1, 3.2]]), start=0, within=1)
+    past = table.certified_boxes(np.array([[-0.1, -0.1, 3.0]]), np.array([[0.1, 0.1, 3.2]]), start=0, within=1)
     assert past.tolist() == [[False], [True]]
 
 

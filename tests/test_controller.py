@@ -15,7 +15,7 @@ import toys
 
 import sdhj
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import LOOKED, settle
+from sdhj.table.ahead import CHECKED_INSTANTS, settle
 from sdhj.table.batches import CHUNK, Batch, Table
 from sdhj.table.beside import fallbacks
 from sdhj.table.controller import Controller
@@ -105,7 +105,7 @@ def truth(problem: ReachAvoidProblem, q: np.ndarray, step: int, boxes: list[Any]
         slope = problem.delta * dynamics.drift_at(grid.wrapped(q[None]), j)[0]
         halfway = np.clip(q + slope / 2, *walls)
         bent = problem.delta * dynamics.drift_at(grid.wrapped(halfway[None]), j)[0] - slope
-        shares = np.arange(1, LOOKED + 1) / LOOKED
+        shares = np.arange(1, CHECKED_INSTANTS + 1) / CHECKED_INSTANTS
         path = [q + share * slope + share**2 * bent for share in shares]
         ends = [face for face, end in zip((grid.lower, grid.upper), zip(*grid.ends, strict=True), strict=True)]
         for place in path:
@@ -218,7 +218,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
         for n in range(3 - step):
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
             table.value_array(step, n)[:] = np.minimum(lower, table.value_array(step, max(n - 1, 0)) if n else np.inf)
-            table.mask_array(step, n)[:] = rng.integers(0, 256, table.mask_array(step, n).shape) | 15
+            table.mark_array(step, n)[:] = rng.integers(0, 256, table.mark_array(step, n).shape) | 15
     controller = Controller(table)
     seen = set()
     for step in range(3):
@@ -305,7 +305,7 @@ def test_without_a_promise_the_marks_of_the_table_decide(
         marked = nodes.reshape(-1, 9).all(axis=0)
         if marked.any():  # nothing is unsafe: the one of least margin, but for what the true target refutes
             first = np.flatnonzero(marked)[batch.margins[m][marked].argmin()]
-            way = states[m][None], np.array([first]), 0, batch.left[m : m + 1]
+            way = states[m][None], np.array([first]), 0, batch.steps_after[m : m + 1]
             assert batch.best[m] == first or not table.passes(*way)[0]
         seen += marked.any() and not marked[batch.margins[m].argmin()]
     assert seen > 0  # the look-ahead alone would have chosen another
@@ -354,7 +354,7 @@ def test_boxes_that_differ_at_one_end_only_have_margins_of_their_own() -> None:
 
 def test_reachable_boxes_are_exact_for_constant_velocities() -> None:
     problem = toys.interval_problem()
-    low, high = problem.interval(0).reachable(np.zeros((7, 1)))
+    low, high = problem.interval(0).reachable_boxes(np.zeros((7, 1)))
     np.testing.assert_allclose(low[..., 0], [[-0.6, -0.1, 0.4]], rtol=0, atol=1e-15)
     np.testing.assert_allclose(high[..., 0], [[-0.4, 0.1, 0.6]], rtol=0, atol=1e-15)
 
@@ -494,13 +494,13 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
     ends[2, :, 0, 0] = apart * np.arange(9)
 
     def unsafe_along(points: Any, times: Any) -> Any:
-        met = failing.ravel()[np.rint((points[:, LOOKED - 1, 0] + 0.9) / apart).astype(int)]
-        return np.where(met[:, None] & (np.arange(len(times)) == LOOKED - 1), -1.0, 1.0)
+        met = failing.ravel()[np.rint((points[:, CHECKED_INSTANTS - 1, 0] + 0.9) / apart).astype(int)]
+        return np.where(met[:, None] & (np.arange(len(times)) == CHECKED_INSTANTS - 1), -1.0, 1.0)
 
     problem: Any = SimpleNamespace(
-        inputs=np.zeros((9, 1)), grid=free_problem().grid, stays=True, unsafe_along=unsafe_along
+        inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe_along=unsafe_along
     )
-    table: Any = SimpleNamespace(problem=problem, known=free_table().known)
+    table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at)
     table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing

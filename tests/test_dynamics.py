@@ -346,7 +346,7 @@ def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
     interval = Interval(Grid([-1.0] * 3, [1.0] * 3, [5, 6, 7]), dynamics, 0.3, 0.3)
     assert ["".join("01"[int(one)] for one in row) for row in dynamics.reads] == expected
     for axes in itertools.chain.from_iterable(itertools.combinations(range(3), n) for n in (1, 2, 3)):
-        closed = interval.closed(axes)
+        closed = interval.self_contained(axes)
         assert set(axes) <= set(closed) and list(closed) == sorted(closed)
         assert not any(expected[i][k] == "1" for i in closed for k in range(3) if k not in closed)
         smaller = [set(c) for n in range(len(closed)) for c in itertools.combinations(closed, n) if set(axes) <= set(c)]
@@ -355,7 +355,7 @@ def test_which_coordinates_a_velocity_reads(drift, gain, bounds, expected):
 
 def test_velocities_that_do_not_depend_on_the_state_read_nothing():
     interval = problem_of(tidal()).interval(1)
-    assert not interval.dynamics.reads.any() and interval.closed((1,)) == (1,)
+    assert not interval.dynamics.reads.any() and interval.self_contained((1,)) == (1,)
 
 
 def test_what_only_later_intervals_read_counts_for_the_avoid_game():
@@ -363,7 +363,7 @@ def test_what_only_later_intervals_read_counts_for_the_avoid_game():
     drift = lambda p, t: np.stack([0 * p[:, 0], p[:, 0] * np.maximum(t - 0.65, 0.0)], axis=1)  # noqa: E731
     wall = UnsafeSet((1,), lambda p, t: 1.5 - p[:, 0])
     problem = problem_of(Dynamics([[1.0]], drift, [[1.0], [0.0]], [0.1]), unsafe=(wall,))
-    assert [problem.interval(k).closed((1,)) for k in range(3)] == [(0, 1)] * 3
+    assert [problem.interval(k).self_contained((1,)) for k in range(3)] == [(0, 1)] * 3
     assert problem.avoid_axes(wall) == (0, 1) and problem.moves(wall) and not wall.moving
 
 
@@ -373,10 +373,10 @@ def test_what_only_later_intervals_read_counts_for_the_avoid_game():
 def test_constant_velocities_reach_boxes_in_closed_form():
     problem = toys.torus_problem(nodes=8)
     interval, u = problem.interval(0), problem.inputs
-    low, high = interval.reached(0.05, 0.2)
+    low, high = interval.displacement_boxes(0.05, 0.2)
     np.testing.assert_allclose(low, 0.15 * (u - 0.4), rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(high, 0.15 * (u + 0.4), rtol=0, atol=ROUNDING)
-    corners = interval.reachable(np.ones((5, 2)))
+    corners = interval.reachable_boxes(np.ones((5, 2)))
     for corner, sign in zip(corners, (-1, 1), strict=True):
         np.testing.assert_allclose(corner, 0.2 * (u + sign * 0.4)[None], rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(interval.displacements(np.ones((5, 2))), 0.2 * u[None], rtol=0, atol=ROUNDING)
@@ -387,14 +387,14 @@ def test_velocities_in_time_reach_boxes_in_closed_form(step):
     """Sines, cosines and a bound that grows with time and with |u|: Gauss's rule is exact to rounding for all of it."""
     interval = problem_of(tidal()).interval(step)
     for begin, end in ((0.0, 0.3), (0.1, 0.25), (0.2, 0.2)):
-        corners = interval.reached(begin, end)
+        corners = interval.displacement_boxes(begin, end)
         for j, u in enumerate([-1.0, 0.0, 2.0]):
             exact = tidal_extremes(u, interval.begin + begin, interval.begin + end)
             for corner, its in zip(corners, exact, strict=True):
                 np.testing.assert_allclose(corner[j], its, rtol=0, atol=ROUNDING)
-    low, high = interval.reachable(np.ones((4, 2)))
+    low, high = interval.reachable_boxes(np.ones((4, 2)))
     assert low.shape == high.shape == (1, 3, 2)
-    np.testing.assert_array_equal([low[0], high[0]], interval.reached(0.0, 0.3))
+    np.testing.assert_array_equal([low[0], high[0]], interval.displacement_boxes(0.0, 0.3))
 
 
 def test_extremes_are_those_of_all_vertices():
@@ -411,7 +411,7 @@ def test_extremes_are_those_of_all_vertices():
 def test_a_slip_that_grows_with_speed_widens_the_boxes_of_fast_inputs():
     dynamics = Dynamics([[0.0], [1.0], [2.0]], [[0.0], [1.0], [2.0]], [[1.0]], lambda q, u: 0.1 + 0.25 * np.abs(u))
     problem = problem_of(dynamics, Grid([-2.0], [2.0], [9]))
-    low, high = problem.interval(0).reachable(np.zeros((3, 1)))
+    low, high = problem.interval(0).reachable_boxes(np.zeros((3, 1)))
     np.testing.assert_allclose((high - low)[0, :, 0] / 0.6, [0.1, 0.35, 0.6], rtol=0, atol=ROUNDING)
     np.testing.assert_allclose(problem.interval(2).bounds(np.array([2, 0]), 0.0), [[0.6], [0.1]], rtol=0, atol=ROUNDING)
 
@@ -425,7 +425,7 @@ def test_state_dependent_boxes_hold_what_the_adversary_can_do(begin, rng):
     delta, parts = 0.05, 50
     interval = Interval(Grid([-9.0, -9.0], [9.0, 9.0], [9, 9]), turning().read(2), begin, delta)
     states = rng.uniform(-1, 1, (6, 2))
-    low, high = interval.reachable(states)
+    low, high = interval.reachable_boxes(states)
     assert low.shape == high.shape == (6, 2, 2)
     np.testing.assert_allclose((low + high) / 2, interval.displacements(states), rtol=0, atol=ROUNDING)
     for (j, u), (m, start) in itertools.product(enumerate([0.0, 1.0]), enumerate(states)):
@@ -661,11 +661,11 @@ def test_the_digest_follows_time_and_input():
 
 
 @pytest.mark.parametrize(
-    ("dynamics", "timeless"),
+    ("dynamics", "time_invariant"),
     [(tidal(), False), (turning(), False), (tidal(drift=lambda q, u: [u[0], 0.0], bounds=[0.1]), True)],
 )
-def test_what_depends_on_time_is_told_apart(dynamics, timeless):
-    assert problem_of(dynamics).timeless is timeless
+def test_what_depends_on_time_is_told_apart(dynamics, time_invariant):
+    assert problem_of(dynamics).time_invariant is time_invariant
 
 
 # ---- velocities that the disturbance enters as it likes
@@ -825,7 +825,7 @@ def test_bounds_that_depend_on_the_state_scale_the_disturbance(kind, rng):
         gain = one.dynamics.gain_at(points, j, t) * one.dynamics.bounds_at(j, t)
         np.testing.assert_allclose(np.abs(gain), pushing(points, np.array(inputs[j]), t), rtol=0, atol=ROUNDING)
     assert one.dynamics.timed and one.dynamics.reads.tolist() == [[False, True], [True, False]]
-    for pair in zip(one.interval(1).reachable(points), two.interval(1).reachable(points), strict=True):
+    for pair in zip(one.interval(1).reachable_boxes(points), two.interval(1).reachable_boxes(points), strict=True):
         np.testing.assert_allclose(*pair, rtol=0, atol=ROUNDING)
     tables = [sdhj.solve(problem, progress=False) for problem in (one, two)]
     np.testing.assert_allclose(*(table.values(start=0, within=3) for table in tables), rtol=0, atol=1e-6)
@@ -881,7 +881,7 @@ def test_what_no_file_can_keep_is_refused_when_it_is_read(monkeypatch):
 
 def test_black_boxes_are_solved_and_simulated():
     car, opaque = opaque_car()
-    assert opaque.timeless and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3
+    assert opaque.time_invariant and opaque.dynamics.reads.tolist() == [[False, False, True]] * 3
     assert car.opaque == {} and opaque.opaque == {
         "drift": "a BlackBox with reads, rate",
         "target": "a BlackBox with slope, rate",

@@ -97,8 +97,8 @@ def test_an_unsafe_end_is_an_unsafe_set_that_begins_there(method):
     # differences of second order feel the wall of a grid, beyond -6 or farther, by a tenth less at each node
     np.testing.assert_allclose(table.avoid.static, wide.avoid.static[:, inside], rtol=0, atol=1e-6)
     for within in range(9):
-        masks = wide.inputs(start=0, within=within)[inside]
-        assert np.array_equal(table.inputs(start=0, within=within), masks)
+        marks = wide.inputs(start=0, within=within)[inside]
+        assert np.array_equal(table.inputs(start=0, within=within), marks)
     # under u = 2 and the worst v, 2.2 * 0.25 = 0.55 is travelled in an interval
     safe = table.avoid.static[1] <= 0.0
     assert np.array_equal(safe, table.grid.nodes(0) <= 4.0 - 0.55 + 1e-9)

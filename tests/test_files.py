@@ -139,7 +139,7 @@ def test_the_file_describes_itself(arm_table, tmp_path):
     assert functions["swept 0"]["parameters"] == 2 and functions["unsafe 1"]["coordinates"] == 4
     with h5py.File(tmp_path / "arm.h5") as file:
         assert file["entries"][()].tolist() == entries(2).tolist() and file["index"].shape == (6,)
-        assert file["tubes"].shape[0] == file["masks"].shape[0] == file["index"][()].max() + 1
+        assert file["tubes"].shape[0] == file["marks"].shape[0] == file["index"][()].max() + 1
 
 
 def test_an_unwritable_folder_is_a_clear_error(arm_table, tmp_path):
@@ -197,7 +197,7 @@ def test_equal_tubes_are_written_once(tmp_path):
     table = one_row(sdhj.solve(interval_problem(steps=6, rate=-0.3), progress=False))
     table.save(tmp_path / "small.h5")
     with h5py.File(tmp_path / "small.h5") as file:
-        assert len(file["tubes"]) == len(file["masks"]) == 7 and len(file["entries"]) == len(file["index"]) == 28
+        assert len(file["tubes"]) == len(file["marks"]) == 7 and len(file["entries"]) == len(file["index"]) == 28
     same(table, sdhj.load(tmp_path / "small.h5", problem=interval_problem(steps=6, rate=-0.3)))
 
 

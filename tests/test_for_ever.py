@@ -269,7 +269,7 @@ def test_answers_are_those_of_plain_loops(stopped: Any, rng: np.random.Generator
     lattice = {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic}
     states = rng.uniform(grid.lower, grid.upper, (300, 2))
     batch = table.batch(states, 0)
-    low, high = table.problem.interval(0).reachable(states)
+    low, high = table.problem.interval(0).reachable_boxes(states)
     ends = np.array([1.0 + 1e-6, np.inf])
     for m, q in enumerate(states):
         admissible = naive_controller.interpolated(value, q, [0, 1], lattice) <= 0

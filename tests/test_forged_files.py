@@ -70,7 +70,7 @@ def test_truncated_files_are_refused(path, keep):
     refused(path, "damaged")
 
 
-@pytest.mark.parametrize("name", ["index", "tubes", "masks", "avoid_static", "avoid_moving"])
+@pytest.mark.parametrize("name", ["index", "tubes", "marks", "avoid_static", "avoid_moving"])
 @pytest.mark.parametrize("forgery", FORGERIES)
 def test_a_forged_array_is_refused(path, name, forgery):
     with forged(path) as (told, arrays):

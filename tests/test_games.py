@@ -10,7 +10,7 @@ from toys import ends_of, interval_problem, torus_problem, unicycle_problem
 
 import sdhj
 from sdhj import HJI, BlackBox, Dynamics, HopfLax, Projected, Scheme
-from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames, Wall
+from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames, ObstacleFunction
 
 USUAL, FIXED = Scheme(), Scheme(frame="fixed")
 ROUNDING = 1e-5  # some dozens of operations in single precision on numbers below 4
@@ -132,8 +132,8 @@ def test_coupled_adversary_is_recognised():
 def test_avoid_games_of_a_car_take_all_axes():
     car = unicycle_problem(nodes=(7, 7, 8))
     interval = car.interval(0)
-    assert interval.closed((0, 1)) == (0, 1, 2)  # x and y move with theta
-    assert interval.closed((2,)) == (2,)
+    assert interval.self_contained((0, 1)) == (0, 1, 2)  # x and y move with theta
+    assert interval.self_contained((2,)) == (2,)
     assert car.avoid_axes(car.unsafe[0]) == (0, 1, 2)
     tube = HJIGames(car, Scheme()).avoid(car.unsafe[0], 0)
     assert tube.shape == (3, 7, 7, 8)
@@ -165,7 +165,7 @@ def chained_problem(nodes=(9, 8, 7, 6)):
 )
 def test_the_smallest_axes_that_move_alone(axes, closed):
     problem = chained_problem()
-    assert problem.interval(0).closed(axes) == closed
+    assert problem.interval(0).self_contained(axes) == closed
     part = sdhj.UnsafeSet(axes, lambda p, t: p[:, 0] + 9.0)
     assert problem.avoid_axes(part) == closed
 
@@ -178,7 +178,7 @@ def test_avoid_games_on_the_smallest_axes_are_those_on_all_of_them(monkeypatch):
     games.counted = {(0, 1): [steps], (0, 1, 2, 3): [steps]}
     small = games.avoid(problem.unsafe[0], 0)
     assert small.shape == (2, 7, 6)
-    wall = Wall.of(problem, problem.unsafe[0], (0, 1, 2, 3))
+    wall = ObstacleFunction.of(problem, problem.unsafe[0], (0, 1, 2, 3))
     whole = games.tubes(wall, 0)
     np.testing.assert_allclose(whole, np.broadcast_to(small[..., None, None], whole.shape), rtol=0, atol=1e-12)
 

@@ -220,7 +220,7 @@ def test_ends_against_plain_loops(case: str) -> None:
     truth = plain(**given)
     problem = line(321, **given)
     # sets that shrink from unsafe ends without a target are left to differences
-    assert HJIGames(problem.rimmed, Scheme()).shifted == (case != "clear between unsafe ends")
+    assert HJIGames(problem.padded, Scheme()).shifted == (case != "clear between unsafe ends")
     assert past_ends(problem, (0,)) > (0,)
     wrong, missed = wrong_and_missed(sdhj.solve(problem), truth)
     assert wrong < (0.012 if case == "driven to a wall with an obstacle" else 0.003) and missed < 0.003

@@ -86,7 +86,7 @@ def test_nobody_who_remembers_is_lost(delta, fast):
             states, hit = moved(states, LEVELS[inputs, 0], delta, rng)
             assert not hit.any()
             seen = controller.predict(measured(states, rng), inputs, 0)
-            known, lost = table.carried_on(known, inputs, 0, seen)
+            known, lost = table.next_points(known, inputs, 0, seen)
             assert not lost.any()
             assert (np.abs(known - states) <= ERROR + 1e-12).all()  # c +- E holds the state
         assert wanted is None or np.abs(states[:, 0]).max() > 0.9  # and comes near
@@ -98,13 +98,13 @@ def test_step_is_the_loop(fast):
     for k in range(100):
         action = controller.step(measured(state, rng)[0], time=0.01 * k)
         assert action.promised and not action.missed
-        assert (np.abs(controller.carried[0] - state[0]) <= ERROR + 1e-12).all()
+        assert (np.abs(controller.remembered[0] - state[0]) <= ERROR + 1e-12).all()
         state, hit = moved(state, LEVELS[[action.input], 0], 0.01, rng)
         assert not hit.any()
     state[0, 0] -= 0.05 * np.sign(state[0, 0])  # somebody has pushed it, towards the middle
     broken = controller.step(state[0], time=1.0)
     assert broken.missed and not broken.promised
-    np.testing.assert_array_equal(controller.carried[0], state[0])
+    np.testing.assert_array_equal(controller.remembered[0], state[0])
     state, _ = moved(state, LEVELS[[broken.input], 0], 0.01, rng)
     again = controller.step(measured(state, rng)[0], time=1.01)
     assert again.promised and not again.missed
@@ -174,7 +174,7 @@ def test_grids_remember_too(rate):
         assert answer.promised.all()
         states, hit = moved(states, LEVELS[answer.inputs, 0], delta, rng)
         assert not hit.any()
-        known, lost = table.carried_on(known, answer.inputs, 0, controller.predict(measured(states, rng), 2, 0))
+        known, lost = table.next_points(known, answer.inputs, 0, controller.predict(measured(states, rng), 2, 0))
         assert not lost.any() and (np.abs(known - states) <= ERROR + 1e-9).all()
 
 
@@ -185,13 +185,13 @@ def test_round_a_period_and_beside_walls():
     rng, controller, count = np.random.default_rng(4), sdhj.Controller(table), 300
     states = rng.uniform(problem.grid.lower, problem.grid.upper, (count, 2))
     length = np.subtract(problem.grid.upper, problem.grid.lower)
-    known, low, high = states.copy(), *problem.interval(0).reachable(states)
+    known, low, high = states.copy(), *problem.interval(0).reachable_boxes(states)
     for _ in range(30):
         inputs = rng.integers(0, len(problem.inputs), count)
         spot = rng.choice([0.0, 1.0], (count, 2))
         by = low[0, inputs] + spot * (high - low)[0, inputs]
         states = problem.grid.wrapped(states + by)
         seen = controller.predict(states + rng.choice([-0.05, 0.05], (count, 2)), 0, 0)
-        known, lost = table.carried_on(known, inputs, 0, seen)
+        known, lost = table.next_points(known, inputs, 0, seen)
         apart = np.abs((known - states + length / 2) % length - length / 2)
         assert not lost.any() and (apart <= 0.05 + 1e-9).all()

@@ -23,7 +23,7 @@ class ShiftGames:
     dtype, solved = "float32", 0
 
     def __init__(self, problem):
-        corners = np.array(problem.interval(0).reached(0.0, problem.delta)) / problem.grid.spacing[0]
+        corners = np.array(problem.interval(0).displacement_boxes(0.0, problem.delta)) / problem.grid.spacing[0]
         self.problem, self.moves = problem, np.rint(corners[..., 0]).astype(int)
 
     def highest(self, values, low, high):

@@ -317,7 +317,7 @@ def test_directions_combine_by_union_and_the_printed_intersection_is_smaller():
     # one interval alone, where nothing but the combination differs
     games = projected_games(problem, inner=MONOTONE)
     goal = full.values(start=1, within=1)
-    (united,) = games.reaches(goal, 0)
+    (united,) = games.grouped_reach_sets(goal, 0)
     pieces = [
         [problem.grid.lift(piece[j], axes) for axes, piece in zip(united.axes, united.pieces, strict=True)]
         for j in range(3)
@@ -410,7 +410,7 @@ def test_a_subspace_with_all_axes_is_the_full_method():
     full = solve_quietly(problem)
     same = solve_quietly(problem, Projected([(0, 1, 2)]))
     np.testing.assert_array_equal(same.tubes, full.tubes)
-    np.testing.assert_array_equal(same.masks, full.masks)
+    np.testing.assert_array_equal(same.marks, full.marks)
 
 
 def test_dropping_what_nothing_depends_on_costs_nothing():
@@ -473,7 +473,7 @@ def test_one_axis_moved_by_the_dropped_coordinate_has_its_closed_form():
     """dx = u + v + 0.5 w, |w| <= 1, |v| <= 0.2: Phi(x) = |x + 0.4 u| + 0.4 * 0.7 - 1."""
     problem = wind_problem(nodes=121)
     games = projected_games(problem, [(0,)])
-    assert problem.interval(0).closed((0,)) == (0, 1)
+    assert problem.interval(0).self_contained((0,)) == (0, 1)
     assert not problem.interval(0).velocities(0, (0,)).coupled
     x = problem.grid.nodes(0)
     away = np.abs(x) < 2.0  # what the walls do stays more than 0.4 * 1.7 from them
@@ -554,7 +554,7 @@ def test_autonomous_dynamics_that_depend_on_kept_coordinates():
         0.3,
         2,
     )
-    assert default_subspaces(problem) == ((0,),) and problem.interval(0).closed((0,)) == (0,)
+    assert default_subspaces(problem) == ((0,),) and problem.interval(0).self_contained((0,)) == (0,)
     alone, whole = (problem.interval(0).velocities(2, axes) for axes in ((0,), (0, 1)))
     assert not alone.coupled
     for side, all_sides in zip(ends_of(alone), ends_of(whole), strict=True):
@@ -655,7 +655,7 @@ def test_the_table_is_an_ordinary_one(tmp_path):
     assert again.details == json.loads(json.dumps(dict(table.details)))
     assert again.details["subspaces"] == [[0, 1, 2], [0, 1, 3]] and again.details["inner"] == "hji"
     np.testing.assert_array_equal(again.tubes, table.tubes)
-    np.testing.assert_array_equal(again.masks, table.masks)
+    np.testing.assert_array_equal(again.marks, table.marks)
     controller = sdhj.Controller(again)
     inside = problem.grid.points()[again.inputs(start=0, within=2).any(axis=-1).ravel()]
     assert len(inside) and all(controller.safe_inputs(q, 0).size for q in inside[:5])

@@ -19,18 +19,18 @@ LINEAR = HopfLax("linear")
 
 
 class FiniteSets:
-    """`sdhj.solver.recursion.Sets` of whole numbers: a game on few states that a child could play out.
+    """`sdhj.solver.recursion.TubeSets` of whole numbers: a game on few states that a child could play out.
 
     goals[k]: the states to be in at step k; leads[k][j][q]: the states that u_j may lead to from q, empty where it is
-    not safe there. Where `timeless`, all steps are step 0.
+    not safe there. Where `time_invariant`, all steps are step 0.
     """
 
-    def __init__(self, goals, leads, timeless):
-        self.goals, self.leads, self.timeless = goals, leads, timeless
+    def __init__(self, goals, leads, time_invariant):
+        self.goals, self.leads, self.time_invariant = goals, leads, time_invariant
         self.entries, self.calls = {}, []
 
     def key(self, step, within):
-        return (0 if self.timeless else step), within
+        return (0 if self.time_invariant else step), within
 
     def goal(self, step):
         self.calls.append(("goal", step))
@@ -53,26 +53,28 @@ class FiniteSets:
         return self
 
 
-def random_game(rng, states, inputs, steps, timeless):
-    rows = 1 if timeless else steps + 1
-    goals = [set(rng.choice(states, 2, replace=False).tolist()) for _ in range(rows)] * (steps + 1 if timeless else 1)
+def random_game(rng, states, inputs, steps, time_invariant):
+    rows = 1 if time_invariant else steps + 1
+    goals = [set(rng.choice(states, 2, replace=False).tolist()) for _ in range(rows)] * (
+        steps + 1 if time_invariant else 1
+    )
     leads = [
         [
             [frozenset(rng.choice(states, rng.integers(0, 3), replace=False).tolist()) for _ in range(states)]
             for _ in range(inputs)
         ]
         for _ in range(rows)
-    ] * (steps + 1 if timeless else 1)
+    ] * (steps + 1 if time_invariant else 1)
     return goals, leads
 
 
-@pytest.mark.parametrize("timeless", [False, True])
-def test_theorem_2_is_the_game_played_out(rng, timeless):
+@pytest.mark.parametrize("time_invariant", [False, True])
+def test_theorem_2_is_the_game_played_out(rng, time_invariant):
     """Definition 4 by brute force: q wins within n steps where it is in the goal, or an input is safe and leads to
     states all of which win within n - 1 steps from the next step on."""
     steps, states, shared = 6, 12, 0
     for _ in range(30):
-        goals, leads = random_game(rng, states, 2, steps, timeless)
+        goals, leads = random_game(rng, states, 2, steps, time_invariant)
 
         def wins(step, q, within, goals=goals, leads=leads):
             if q in goals[step]:
@@ -81,22 +83,22 @@ def test_theorem_2_is_the_game_played_out(rng, timeless):
             return any(all(wins(step + 1, end, within - 1) for end in each) for each in ends)
 
         ticks = []
-        sets = FiniteSets(goals, leads, timeless)
-        sets.timeless = timeless
+        sets = FiniteSets(goals, leads, time_invariant)
+        sets.time_invariant = time_invariant
         recursion(sets, steps, lambda ticks=ticks: ticks.append(1))
-        for step in (0,) if timeless else range(steps + 1):
+        for step in (0,) if time_invariant else range(steps + 1):
             for within in range(steps - step + 1):
                 won = {q for q in range(states) if wins(step, q, within)}
                 assert sets.entries[step, within] == won, (step, within)
-        assert len(ticks) == (steps if timeless else steps * (steps + 1) // 2)
+        assert len(ticks) == (steps if time_invariant else steps * (steps + 1) // 2)
         shared += sum(call[0] == "share" for call in sets.calls)
     assert shared > 30  # what has stopped growing is not computed again
 
 
 def test_what_has_stopped_growing_in_a_row_has_stopped_in_the_row_before():
     """Nothing leads anywhere: the first step to go of a row has to be looked at, the others cannot differ from it."""
-    sets = FiniteSets([{1}] * 4, [[[frozenset()] * 3]] * 4, timeless=False)
-    sets.timeless = False
+    sets = FiniteSets([{1}] * 4, [[[frozenset()] * 3]] * 4, time_invariant=False)
+    sets.time_invariant = False
     recursion(sets, 3, lambda: None)
     assert [call for call in sets.calls if call[0] != "goal"] == [
         ("extend", 2, 1),

@@ -11,7 +11,7 @@ from digest_cases import CASES, FIVE, arm, disk, plane
 import sdhj
 from sdhj.problem.interval import Velocities
 from sdhj.solver import avoid, recursion
-from sdhj.solver.former import carried_on, differing, spread
+from sdhj.solver.former import differing, within_boxes, within_stages
 from sdhj.solver.schemes import Scheme, evolve
 
 FAST = "arm, swept", "car", "torus", "plane, moving, lowered", "cart, safe ends"
@@ -24,7 +24,7 @@ ON_GRIDS = [
 
 def assert_same(found, expected):
     """To the last bit, and zeros by their signs."""
-    for name in ("index", "tubes", "masks"):
+    for name in ("index", "tubes", "marks"):
         assert getattr(found, name).tobytes() == getattr(expected, name).tobytes(), name
     assert found.avoid.static.tobytes() == expected.avoid.static.tobytes()
     assert found.avoid.moving.tobytes() == expected.avoid.moving.tobytes()
@@ -54,7 +54,7 @@ def changes(problem):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield replace(problem, unsafe=(*sets, post))
-    if not problem.stays:
+    if not problem.has_no_target:
         yield replace(problem, target=moved(problem.target, 0.03))
     if problem.steps:
         yield replace(problem, steps=problem.steps + 1)
@@ -192,7 +192,7 @@ def test_what_is_in_few_planes_spreads_as_far_as_said(order, periodic):
     reads = order, 2 * 2  # of two time steps
     given = Velocities(-speeds, speeds), 0.05, scheme
     whole, beside = (evolve(grid, one, *given, steps=2) for one in (values, other))
-    changed, said = differing(whole, beside), spread(grid, here, *reads)
+    changed, said = differing(whole, beside), within_stages(grid, here, *reads)
     assert changed.sum() > 10
     assert not (changed & ~said).any() and not said.all()
     some = evolve(grid, other, *given, steps=2, planes=said)
@@ -210,7 +210,7 @@ def test_maxima_over_boxes_carry_as_far_as_said():
         other[place] = rng.standard_normal(grid.shape[1:])
         found = [next(maximum_over_boxes(grid, one, -corner, corner, "limited"))[1] for one in (values, other)]
         here = np.arange(20) == place
-        assert not (differing(*found) & ~carried_on(grid, here, np.array([2.3, 0.4, 0.0]))).any()
+        assert not (differing(*found) & ~within_boxes(grid, here, np.array([2.3, 0.4, 0.0]))).any()
 
 
 def test_a_target_whose_sign_is_turned_is_told():

@@ -108,8 +108,8 @@ def test_what_has_left_does_not_come_back(name):
     unsafe, truth = table.values(start=0, within=4) > 0, turned_into_at_nodes()
     assert within_cells(table.grid, unsafe != truth, turned_into, 2)
     assert np.mean(unsafe != truth) < 0.1 * truth.mean()
-    rim = np.hypot(*table.grid.points().T).reshape(table.grid.shape) > 0.96  # met only after having left
-    assert not unsafe[rim].any() and truth.mean() > 0.1
+    padding = np.hypot(*table.grid.points().T).reshape(table.grid.shape) > 0.96  # met only after having left
+    assert not unsafe[padding].any() and truth.mean() > 0.1
 
 
 @pytest.mark.parametrize("delta", [pytest.param(0.1, marks=pytest.mark.slow), 1.0])
@@ -216,4 +216,4 @@ def test_one_end_safe_and_the_other_unsafe(monkeypatch):
             inside, x = table.values(start=0, within=30) <= 0, table.grid.nodes(0)
             # below the gap there is no room: 1.5 * 0.5 in an interval; above it everything escapes
             assert not inside[x < 1.2].any() and inside[x > 1.35].all()
-    assert replace(problem, steps=3).rimmed.grid.inner == (slice(0, 81),)
+    assert replace(problem, steps=3).padded.grid.inner == (slice(0, 81),)

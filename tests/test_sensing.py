@@ -58,10 +58,13 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
     sensing, b, n = Sensing(0.03, delay, rest=REST), 0.2, 5
     table = sdhj.solve(replace(toys.interval_problem(nodes=161), sensing=sensing), method, play=False)
     controller, (half, box) = Controller(table), closed_form(sensing, n)
-    rim = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
+    padding = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
     inward = np.array([[0.01], [-0.01]])
-    assert controller.admissible(rim + inward, step=0).all() and not controller.admissible(rim - inward, step=0).any()
-    assert controller.admissible(rim[0] + 0.01, step=0) is True
+    assert (
+        controller.admissible(padding + inward, step=0).all()
+        and not controller.admissible(padding - inward, step=0).any()
+    )
+    assert controller.admissible(padding[0] + 0.01, step=0) is True
 
     def lost(y, error, push):
         """Own integration of a run whose first measurement is y: measured with an error, held, pushed away."""
@@ -77,10 +80,10 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
             x += (0.5 - delay) * (held + push * b * np.sign(x))
         return True
 
-    for side, y in zip((-1, 1), rim[:, 0], strict=True):
+    for side, y in zip((-1, 1), padding[:, 0], strict=True):
         for error, push in ((0.03, 1.0), (-0.03, 1.0), (0.0, 0.5)):
             assert not lost(y - side * 0.01, error, push)
-    going_on = rim[1] + 0.03  # in the set as it is, but the robot goes on by d before it can turn back
+    going_on = padding[1] + 0.03  # in the set as it is, but the robot goes on by d before it can turn back
     assert table.contains([going_on], start=0, within=n)[0] and not controller.admissible(going_on, step=0)
 
 
@@ -291,7 +294,7 @@ def test_an_adversary_of_ones_own_and_what_it_may_not():
 def test_a_loop_against_a_clock():
     """A clock that is late by up to the jitter, but for every 100th instant: those are told, and nothing else."""
     table = interval_tables(PLAYED)[0]
-    assert table.problem.timeless
+    assert table.problem.time_invariant
     controller, rng, state, held = Controller(table), np.random.default_rng(0), np.array([-1.5]), 1
     missed = []
     for k in range(1000):
@@ -356,20 +359,20 @@ def test_a_loop_falls_back_or_says_so():
         controller.step([3.5], 0.5, fallback=False)
 
 
-@pytest.mark.parametrize("stays", [False, True], ids=["a target", "staying clear"])
-def test_at_the_last_step_a_loop_hears_whether_it_has_arrived(stays):
+@pytest.mark.parametrize("has_no_target", [False, True], ids=["a target", "staying clear"])
+def test_at_the_last_step_a_loop_hears_whether_it_has_arrived(has_no_target):
     """The target is about (0.2 t - 1, 0): at step 2, after 0.4 s, (-0.92, 0) is in it and (2, 2) is not."""
     problem = toys.torus_problem(steps=2)
-    problem = replace(problem, target=None) if stays else problem
+    problem = replace(problem, target=None) if has_no_target else problem
     problem = replace(problem, sensing=Sensing(rest=REST))
     controller = Controller(sdhj.solve(problem, EXACT, progress=False))
-    inside = [2.0, 2.0] if stays else [-0.92, 0.0]
+    inside = [2.0, 2.0] if has_no_target else [-0.92, 0.0]
     for k in (0, 1):
-        assert controller.step(inside, 0.2 * k).arrived == (not stays)
+        assert controller.step(inside, 0.2 * k).arrived == (not has_no_target)
     last = controller.step(inside, 0.4)
     assert last.arrived and last.steps_to_go == 0 and last.step == 2 and not last.missed
     assert last.input == REST and not last.promised
-    outside = [np.cos(0.8), np.sin(0.8)] if stays else [2.0, 2.0]  # in the obstacle
+    outside = [np.cos(0.8), np.sin(0.8)] if has_no_target else [2.0, 2.0]  # in the obstacle
     controller.step(inside, 0.0), controller.step(inside, 0.2)
     for fallback in (True, False):
         last = Controller(controller.table).step(outside, 0.4, fallback=fallback)

@@ -49,7 +49,7 @@ def test_one_and_two_threads_give_the_same_bits(problem, options):
     finally:
         numba.set_num_threads(before)
     one, two = tables
-    assert np.array_equal(one.tubes, two.tubes) and np.array_equal(one.masks, two.masks)
+    assert np.array_equal(one.tubes, two.tubes) and np.array_equal(one.marks, two.marks)
     assert np.array_equal(one.avoid.static, two.avoid.static) and np.array_equal(one.avoid.moving, two.avoid.moving)
 
 
@@ -58,13 +58,13 @@ def test_one_and_two_threads_give_the_same_bits(problem, options):
 def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem, method):
     """Where nothing depends on time, and where a tube has stopped growing: the same tubes as one by one."""
     table = sdhj.solve(problem(), method=method)
-    monkeypatch.setattr(sdhj.ReachAvoidProblem, "timeless", False)
+    monkeypatch.setattr(sdhj.ReachAvoidProblem, "time_invariant", False)
     monkeypatch.setattr(recursion.GridSets, "stopped", lambda self, step, within: False)
     computed = sdhj.solve(problem(), method=method)
     assert len(table.tubes) <= len(computed.tubes) == len(computed.index)
     for start, within in entries(table.steps).tolist():
         assert np.array_equal(table.value_array(start, within), computed.value_array(start, within))
-        assert np.array_equal(table.mask_array(start, within), computed.mask_array(start, within))
+        assert np.array_equal(table.mark_array(start, within), computed.mark_array(start, within))
 
 
 def test_where_nothing_moves_there_is_one_tube_for_each_number_of_steps():
@@ -132,10 +132,10 @@ def test_rows_that_are_joined_change_nothing(monkeypatch, method):
     for most in (recursion.LONG, 0):
         monkeypatch.setattr(recursion, "LONG", most)
         table = sdhj.solve(torus_problem(nodes=9, steps=3), method=method, play=False)
-        found[most] = table.tubes, table.masks, recursion.InputRows(table.grid, table.avoid).size
-    (tubes, masks, size), (other_tubes, other_masks, other_size) = found.values()
+        found[most] = table.tubes, table.marks, recursion.InputRows(table.grid, table.avoid).size
+    (tubes, marks, size), (other_tubes, other_marks, other_size) = found.values()
     assert size > other_size
-    assert np.array_equal(tubes, other_tubes) and np.array_equal(masks, other_masks)
+    assert np.array_equal(tubes, other_tubes) and np.array_equal(marks, other_marks)
 
 
 def test_the_number_of_pdes_is_told():
@@ -221,7 +221,7 @@ def test_what_is_given_is_left_alone(rng):
 def test_memory_is_stated_in_advance_and_checked(monkeypatch):
     problem = arm()
     table = sdhj.solve(problem)
-    held = table.tubes.nbytes + table.masks.nbytes + table.avoid.static.nbytes + table.avoid.moving.nbytes
+    held = table.tubes.nbytes + table.marks.nbytes + table.avoid.static.nbytes + table.avoid.moving.nbytes
     assert held < recursion.memory_needed(problem) - recursion.PROCESS < 3 * held
     double = dataclasses.replace(problem, steps=2)
     assert recursion.memory_needed(double, "float64") > recursion.memory_needed(double)

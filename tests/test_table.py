@@ -91,10 +91,10 @@ def test_digest_sees_every_part_of_a_problem():
 # ---- equal tubes are stored once
 
 
-def empty_table(steps, *, timeless):
-    rate = 0.0 if timeless else 0.1  # of the wall
+def empty_table(steps, *, time_invariant):
+    rate = 0.0 if time_invariant else 0.1  # of the wall
     problem = interval_problem(nodes=9, steps=steps, rate=rate)
-    assert problem.timeless == timeless
+    assert problem.time_invariant == time_invariant
     nothing = AvoidTubes((), np.full(3, -np.inf), (), np.full((problem.steps, 3), -np.inf))
     return LookupTable.empty(problem, "markers", "float64", nothing)
 
@@ -107,7 +107,7 @@ def test_entries_come_in_the_order_of_their_places():
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
 def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     """Each tube is filled with a number of its own, or shared; a dictionary keeps book."""
-    table, told = empty_table(6, timeless=False), {}
+    table, told = empty_table(6, time_invariant=False), {}
     for k in range(6, -1, -1):
         for n in range(7 - k):
             if n >= 2 and rng.random() < share:
@@ -115,18 +115,18 @@ def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
                 told[k, n] = told[k, n - 1]
             else:
                 told[k, n] = len(told)
-                table.value_array(k, n)[:] = table.mask_array(k, n)[:] = told[k, n]
+                table.value_array(k, n)[:] = table.mark_array(k, n)[:] = told[k, n]
     done = table.finish({"seconds": 1.0})
     assert done.details == {"seconds": 1.0} and len(done.index) == len(told) == 28
     for (k, n), number in told.items():
-        assert (done.value_array(k, n) == number).all() and (done.mask_array(k, n) == number).all()
+        assert (done.value_array(k, n) == number).all() and (done.mark_array(k, n) == number).all()
     stored = len(set(told.values()))
-    assert len(done.tubes) == len(done.masks) == stored and done.tubes.nbytes + done.masks.nbytes == stored * 81
+    assert len(done.tubes) == len(done.marks) == stored and done.tubes.nbytes + done.marks.nbytes == stored * 81
 
 
 def test_without_time_there_is_one_tube_for_each_number_of_steps():
     """A row finds the tubes of the next one filled in; its one new tube is filled in, or shared by all that follow."""
-    table = empty_table(5, timeless=True)
+    table = empty_table(5, time_invariant=True)
     assert len(table.tubes) == 6
     for k in range(5, -1, -1):
         for n in range(6 - k):
@@ -144,7 +144,7 @@ def test_a_shared_tube_answers_as_one_stored_for_itself(rng):
     table = one_row(sdhj.solve(interval_problem(nodes=41, steps=6, rate=-0.3), progress=False))
     assert len(table.tubes) == 7 and len(table.index) == 28
     apart = dataclasses.replace(
-        table, index=np.arange(28), tubes=table.tubes[table.index], masks=table.masks[table.index]
+        table, index=np.arange(28), tubes=table.tubes[table.index], marks=table.marks[table.index]
     )
     states, batches = rng.uniform(-4, 4, (500, 1)), []
     for one in (table, apart):
@@ -153,7 +153,7 @@ def test_a_shared_tube_answers_as_one_stored_for_itself(rng):
     for shared, other in zip(*batches, strict=True):
         for name in ("steps_to_go", "safe", "margins"):
             np.testing.assert_array_equal(getattr(shared, name), getattr(other, name))
-    assert 4 * (table.tubes.nbytes + table.masks.nbytes) == apart.tubes.nbytes + apart.masks.nbytes
+    assert 4 * (table.tubes.nbytes + table.marks.nbytes) == apart.tubes.nbytes + apart.marks.nbytes
 
 
 def test_nbytes_are_those_of_every_array():

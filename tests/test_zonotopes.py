@@ -192,7 +192,7 @@ def test_the_octagon_by_brute_force():
     true = naive_zonotopes.shares_won(*given, 0.5 * COMPASS, (OCTAGON * SIDES).T, walls, target, 0.25, 24)[-1]
     lax, hji = (share(octagon(), method) for method in ("lax", "hji"))
     assert lax == pytest.approx(hji, rel=0.03)
-    assert abs(lax - true) <= 0.06 * true  # a third of a cell, at a rim 4 cells wide
+    assert abs(lax - true) <= 0.06 * true  # a third of a cell, at a padding 4 cells wide
     assert share(octagon(gain=np.eye(2), bounds=[0.3, 0.3]), "lax") < 0.4 * lax
 
 
@@ -208,7 +208,7 @@ def test_the_games_converge_to_brute_force():
     assert errors[0] > errors[1] > errors[2] and errors[2] < 0.004
 
 
-def carried(drift):
+def growth_bound(drift):
     """The gust on a conveyor."""
     problem = gust(41, steps=3)
     dynamics = sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9])
@@ -217,9 +217,9 @@ def carried(drift):
 
 def test_a_drift_that_changes_with_time_leaves_segments():
     """A conveyor whose speed differs by 5 % within the horizon is like one that keeps its speed."""
-    timed = carried(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
+    timed = growth_bound(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
     assert timed.dynamics.timed and timed.interval(0).segments((0, 1)).shape[1] == 1
-    assert share(timed, "lax") == pytest.approx(share(carried(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
+    assert share(timed, "lax") == pytest.approx(share(growth_bound(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
 
 
 def test_intervals_that_may_end_early_keep_their_shape():
@@ -300,11 +300,11 @@ def test_reachable_states_are_the_true_set(rng):
     """Boxes are those around the set; ends lie in it, each the farthest in its direction."""
     problem = octagon()
     interval, (drift, gain, bounds) = problem.interval(0), problem.dynamics.arrays
-    low, high = interval.reachable(np.array([[1.0, 1.0]]))
+    low, high = interval.reachable_boxes(np.array([[1.0, 1.0]]))
     halves = problem.delta * (gain * bounds).T
     corners = naive_zonotopes.polygon(naive_zonotopes.vertices(halves))
     sides = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.5]])
-    ends = interval.reaches(np.array([[1.0, 1.0]]), sides)[0]
+    ends = interval.grouped_reach_sets(np.array([[1.0, 1.0]]), sides)[0]
     for j in range(len(drift)):
         middle = problem.delta * drift[j]
         np.testing.assert_allclose(low[0, j], middle + corners.min(axis=0), atol=1e-12)
@@ -379,7 +379,7 @@ def test_too_many_points_are_a_box():
     problem = octagon((161, 121), gain=gain, bounds=np.full(10, 0.2), steps=1)
     table = solved(problem, "hji")
     states = np.array([[3.4, 1.5]])
-    low, high = problem.interval(0).reachable(states)
+    low, high = problem.interval(0).reachable_boxes(states)
     values, margin = table.value_array(1, 0).astype(float), table.batch(states, 0).margins[0, 4]
     corners = states + np.array([[low[0, 4, 0], low[0, 4, 1]], [high[0, 4, 0], high[0, 4, 1]]])
     assert margin >= problem.grid.interpolate(values, corners).max() - 1e-9

@@ -75,12 +75,12 @@ def wrapped(angle):
 
 def one_row(table):
     """The table that has the tubes of step 0 at every step, each stored once: as if nothing depended on the time."""
-    tubes, masks = (
+    tubes, marks = (
         np.stack([array(0, within) for within in range(table.steps + 1)])
-        for array in (table.value_array, table.mask_array)
+        for array in (table.value_array, table.mark_array)
     )
     index = [within for start in range(table.steps + 1) for within in range(table.steps - start + 1)]
-    return replace(table, index=np.array(index), tubes=tubes, masks=masks)
+    return replace(table, index=np.array(index), tubes=tubes, marks=marks)
 
 
 @cache

@@ -35,7 +35,7 @@ from sdhj.kernels.compiling import choice, inlined
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _axes, _kept, _sum
 from sdhj.problem.boxes import _leaves, _levels
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.games import HJIGames, Wall
+from sdhj.solver.games import HJIGames, ObstacleFunction
 from sdhj.solver.schemes import STAGES, Scheme, layout_of, together
 from sdhj.table.table import LookupTable
 
@@ -130,9 +130,9 @@ def union(tubes, marks, values, leaves, static, moving, step, edge, count):
         for j in range(number):
             source, stop = values[leaves.parent[j], a], start + sets
             over_interval(found[:sets], source, start, stop, line - a * n, leaves.which[j], leaves, np.bool_(False))
-            wall = max(static[j, node], moving[j, place, step])
+            obstacle = max(static[j, node], moving[j, place, step])
             for one in range(sets):
-                value = max(found[one], wall)
+                value = max(found[one], obstacle)
                 least[one] = min(least[one], value)
                 byte[one] |= np.uint8(1 << (j & 7)) if value <= edge else np.uint8(0)
             for one in range(sets if j & 7 == 7 or j == number - 1 else 0):
@@ -178,7 +178,7 @@ class Game:
     def __init__(self, problem: ReachAvoidProblem, scheme: Scheme | None = None) -> None:
         self.problem, self.grid, self.scheme = problem, problem.grid, scheme or Scheme()
         self.games = games = HJIGames(problem, self.scheme)
-        assert games.shifted and games.by_formula(games.axes) and not problem.stays and not problem.sensing
+        assert games.shifted and games.by_formula(games.axes) and not problem.has_no_target and not problem.sensing
         assert not any(self.grid.has(end) for end in ("safe", "unsafe")) and problem.view_time == "swept"
         self.steps, self.count, self.size = problem.steps or 0, len(problem.inputs), self.grid.size
         still: Any = games.velocities(0, games.axes, 0, drift=False)
@@ -197,17 +197,18 @@ class Game:
         """Sample the sets on the processor: targets, and of each step what is to be avoided."""
         problem, steps = self.problem, range(self.steps)
         self.goals = [problem.goal(step).astype(np.float32).reshape(1, -1) for step in range(self.steps + 1)]
-        (moves,), (stays,) = (
+        (moves,), (has_no_target,) = (
             [part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False)
         )
-        walls = [Wall.of(problem, part, problem.avoid_axes(part)) for part in (moves, stays)]
-        assert walls[0].axes == tuple(range(len(walls[0].axes))) and walls[1].axes == self.games.axes
-        lasts = self.games.duration * (pieces := self.games.formula.pieces([*walls[0].axes])) / pieces  # rounded alike
+        obstacles = [ObstacleFunction.of(problem, part, problem.avoid_axes(part)) for part in (moves, has_no_target)]
+        assert obstacles[0].axes == tuple(range(len(obstacles[0].axes))) and obstacles[1].axes == self.games.axes
+        # rounded alike
+        lasts = self.games.duration * (pieces := self.games.formula.pieces([*obstacles[0].axes])) / pieces
         begun = [problem.span(step)[0] for step in steps]
         spans = [[(t, t + lasts) for t in begun], [problem.span(0)]]
         self.walls = [
-            (wall.axes, np.stack([wall.over(*span) for span in some]).astype(np.float32))
-            for wall, some in zip(walls, spans, strict=True)
+            (obstacle.axes, np.stack([obstacle.values_over(*span) for span in some]).astype(np.float32))
+            for obstacle, some in zip(obstacles, spans, strict=True)
         ]
 
     def upload(self) -> None:
@@ -234,8 +235,8 @@ class Game:
         """A row of the table, of its reach games in the moving frame."""
         sets, shift = self.steps - step, self.games.drift * self.games.duration
         (leaves, _), values = self._most(still, sets, self.games.axes, shift, shift)
-        tubes, walls = self.tubes[step].reshape(1 + sets, self.size), (self.static, self.moving, step)
-        launch(union, self.size, tubes, self.marks(step), values, leaves, *walls, np.float32(edge))
+        tubes, obstacles = self.tubes[step].reshape(1 + sets, self.size), (self.static, self.moving, step)
+        launch(union, self.size, tubes, self.marks(step), values, leaves, *obstacles, np.float32(edge))
 
     def evolve(self, values: Any, sets: int) -> Any:
         """The reach game of some sets without the drift."""
@@ -313,7 +314,7 @@ def differing(game: Game, table: LookupTable) -> dict[str, float]:
     for step, (least, most, marks) in enumerate(zip(*rows, strict=True)):
         tubes = game.tubes[step].copy_to_host().reshape(-1, *table.grid.shape)
         for within in range(1, game.steps - step + 1):
-            mask = table.mask_array(step, within)
+            mask = table.mark_array(step, within)
             beyond = (least[within - 1] & ~mask) | (mask & ~most[within - 1])
             found["marks"] += game.count * game.size
             found["differ"] += int(np.unpackbits(marks[within - 1] ^ mask).sum())

@@ -238,6 +238,7 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _agent(recipe: Mapping[str, Any]) -> str:
+    """Who the adversary of a recipe is: "pursuer" if it has a pursuer's radius, else "evader"."""
     return "pursuer" if "pursuer_radius" in recipe["arguments"] else "evader"
 
 
@@ -275,7 +276,7 @@ def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeS
     angle, periodic = math.pi, (True, True, False, False)
     ends = (-angle, -angle, -box, -box), (angle, angle, box, box)
     grid = Grid(*ends, given["nodes"], periodic, names=AXES, ends="wall")  # the agent's centre stays in its box
-    grid.require_room()  # before the sets are sampled
+    grid.require_memory()  # before the sets are sampled
     bounds = [given["v_d_max"], given["v_d_max"], speed, speed]
     return ReachAvoidProblem(
         grid=grid,

@@ -43,6 +43,7 @@ class Segment(NamedTuple):
 
     @property
     def end(self) -> FloatArray:
+        """The end point, (..., 2)."""
         return self.at(self.length)
 
     def coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -97,9 +98,11 @@ class Still(_Path):
     speed = 0.0
 
     def at(self, t: ArrayLike) -> FloatArray:
+        """The centre at times t, (..., 2): the same at all."""
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
+        """Least distance of the disk's centre to the segment over [t0, t1]: that at any time."""
         return segment.distance(self.at(t0))
 
 
@@ -112,12 +115,15 @@ class Line(_Path):
 
     @property
     def speed(self) -> float:
+        """|velocity|, m/s."""
         return float(np.hypot(*self.velocity))
 
     def at(self, t: ArrayLike) -> FloatArray:
+        """The centre at times t, (..., 2): start + t velocity."""
         return np.asarray(self.start) + np.asarray(t, dtype=np.float64)[..., None] * np.asarray(self.velocity)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
+        """Least distance to the segment of the centre's path over [t0, t1], which is a segment too."""
         direction = np.array(self.velocity) / self.speed if self.speed else np.array([1.0, 0.0])
         return segment_distance(segment, Segment(self.at(t0), direction, self.speed * (t1 - t0)))
 
@@ -133,9 +139,11 @@ class Circle(_Path):
 
     @property
     def speed(self) -> float:
+        """radius |rate|, m/s."""
         return self.radius * abs(self.rate)
 
     def at(self, t: ArrayLike) -> FloatArray:
+        """The centre at times t, (..., 2): centre + radius (cos a, sin a), a = rate t + phase."""
         angle = self.rate * np.asarray(t, dtype=np.float64) + self.phase
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
@@ -145,16 +153,17 @@ class Circle(_Path):
         A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where
         the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays outside,
-        and at ends of the segment. `reach` is half the chord that the circle cuts from the segment's line (0 where it
+        and at ends of the segment. `half_chord` is half the chord that the circle cuts from the segment's line (0
+        where it
         cuts none), so foot - reach and foot + reach, clipped to the segment, are all of them: an end inside the circle
         lies between the two, an end outside that is a minimum has both beyond it. Each candidate is the distance
         between two points that exist, so the answer is too small by rounding at most.
         """
         foot, left = segment.coordinates(np.array(self.centre))
-        reach = np.sqrt(np.maximum(self.radius**2 - np.square(left), 0.0))
+        half_chord = np.sqrt(np.maximum(self.radius**2 - np.square(left), 0.0))
         first = self.rate * (t0 if self.rate >= 0.0 else t1) + self.phase
         nearest = np.minimum(segment.distance(self.at(t0)), segment.distance(self.at(t1)))
-        for along in (foot - reach, foot + reach):
+        for along in (foot - half_chord, foot + half_chord):
             out = segment.at(np.clip(along, 0.0, segment.length)) - np.array(self.centre)
             angle = np.mod(np.arctan2(out[..., 1], out[..., 0]) - first, TURN)
             radial = np.abs(np.hypot(out[..., 0], out[..., 1]) - self.radius)

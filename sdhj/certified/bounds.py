@@ -26,7 +26,7 @@ Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
     """The target, if there is one, and the unsafe sets."""
-    return [*([] if problem.stays else [problem.target]), *problem.unsafe]
+    return [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,9 @@ class Bounds:
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
-        return _within(self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.apart(a, b, (t0, t1)))
+        return _within(
+            self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.bounds_by_branch(a, b, (t0, t1))
+        )
 
     def signs(
         self,

@@ -182,6 +182,7 @@ def _counted(cells: NDArray[np.float64]) -> IndexArray:
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
+    """The ends of the cells of an axis, ascending, (count + 1,); layers have width 0."""
     (lower, upper), end = axis.layers, float(axis.lower + sum(axis.extent) / 2)
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count - lower - upper)]
     return read_only(np.array([*inner[:lower], *inner, end, *[end] * upper]))
@@ -307,7 +308,7 @@ def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis,
 
 
 def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
-    """As `aligned`, of one axis, for each of some numbers of cells."""
+    """The first cells' ends of one axis, for each of some numbers of cells: see `aligned`."""
     grid, moves = problem.grid, set()
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():

@@ -103,9 +103,11 @@ def _spread(
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
 
     def chosen(factor: float) -> FloatArray:
+        """For each axis the choice of least factor lost / share^(SHARPNESS - 1) + crowd."""
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
+        """Whether cells of these choices fit into the memory and the time."""
         axes = tuple(own[place] for own, place in zip(cells, places.tolist(), strict=True))
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
@@ -165,8 +167,8 @@ def _crossings(problem: ReachAvoidProblem) -> FloatArray:
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
-        for place, axis in enumerate(part.axes):
-            crossed = np.diff(inside, axis=1 + place).mean() * (own.shape[place] - 1)
+        for i, axis in enumerate(part.axes):
+            crossed = np.diff(inside, axis=1 + i).mean() * (own.shape[i] - 1)
             out[axis] += crossed / extent[axis] / max(inside.mean(), 1 / own.size)
     return out
 
@@ -191,7 +193,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     own = place_axes(problem, axes)
     _, moves, clear = shapes(problem, axes, own)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
-    entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.timeless else (problem.most_steps + 1) / 2)
+    entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.time_invariant else (problem.most_steps + 1) / 2)
     pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
     drift = problem.dynamics.drift
     velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
@@ -201,11 +203,11 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         """Of how many cells an input's tubes are looked at, for what depends on some axes."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in axes_of)
 
-    for part in problem.unsafe:
-        free = [axes[k].count for k in part.axes if not own[k]]
-        each = CORNER * 2 ** len(part.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
-        first += each * asked(part.axes) * count * (times if part.moving else starts)
-        first += BOXED * BOXES_OF_A_SET * _operations(part.level_set)
+    for unsafe_set in problem.unsafe:
+        free = [axes[k].count for k in unsafe_set.axes if not own[k]]
+        each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
+        first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
+        first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]

@@ -46,7 +46,7 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
         says = f"Not proved at these cells {entry}, as the state may be measured, or predicted, at {shown}:"
     cells = found[: cells_at(seen[0], table.cells, table.proof.shell, found)]
     if within == 0:
-        what = "clear of the unsafe sets" if problem.stays else "in the target and clear of the unsafe sets"
+        what = "clear of the unsafe sets" if problem.has_no_target else "in the target and clear of the unsafe sets"
         return Explanation(False, f"{says[:-1]}: not all of its cell is {what}.")
     held = np.array([table.holds(cell, step, within) for cell in cells])
     return _Cell(table, seen[0], cells[int(np.argmin(held))], step, within).explained(says)
@@ -63,11 +63,11 @@ def scanty(table: Any) -> Finding | None:
     grid, t = problem.grid, problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SCANTY_STATES, grid.ndim))
     free = problem.unsafe_value(drawn, t) > 0
-    target = 0.0 if problem.stays else float(((problem.target_value(drawn, t) <= 0) & free).mean())
+    target = 0.0 if problem.has_no_target else float(((problem.target_value(drawn, t) <= 0) & free).mean())
     claimed, inside = _on_few_nodes(problem, drawn)
     if share > target and claimed <= 10 * share:
         return None
-    few = share <= target and not problem.stays
+    few = share <= target and not problem.has_no_target
     than = f"no more than the target, {target:.2g}" if few else f'{claimed:.2g} by "hji" on few nodes'
     message = (
         f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
@@ -104,7 +104,7 @@ class _Cell:
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
-        self.place, parts = table.place(step + 1, within - 1), table.proof.parts
+        self.place, parts = table.tube_index(step + 1, within - 1), table.proof.parts
         edges = np.array([axis.edges()[i : i + 2] for axis, i in zip(table.axes, cell, strict=True)])
         self.box = np.stack([edges[:, 0] - table.proof.shell, edges[:, 1] + table.proof.shell])
         self.scales = np.array([axis.scale for axis in table.axes])
@@ -115,6 +115,7 @@ class _Cell:
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
     def explained(self, says: str) -> Explanation:
+        """The explanation of a state in the grid: every input's failure, the nearest to success first."""
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.uncovered(j) if clear[j] else self.met(j) for j in range(len(clear))]
         failures.sort(key=lambda one: (one.by != "image", -one.short))
@@ -146,7 +147,7 @@ class _Cell:
         return cells, ~answer[0]
 
     def met(self, j: int) -> Failure:
-        """What the tube of the cell may meet first, and when."""
+        """The failure of an input whose tube may meet something: what, and when."""
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
@@ -164,15 +165,15 @@ class _Cell:
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
         late = self.problem.sensing.jitter
-        for part in self.problem.unsafe:
-            own, least = list(part.axes), []
+        for unsafe_set in self.problem.unsafe:
+            own, least = list(unsafe_set.axes), []
             pieces = int(TRIED ** (1 / len(own)))
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T
             for a, b, begin, end in zip(low[:, own], high[:, own], self.cuts[:-1], self.cuts[1:], strict=True):
                 first = a + corners * (b - a) / pieces
-                level = self.proof.bounds.level(part, first, first + (b - a) / pieces, begin - late, end + late)
+                level = self.proof.bounds.level(unsafe_set, first, first + (b - a) / pieces, begin - late, end + late)
                 least.append(float(level[0].min()))
-            yield part.name, np.array(least)
+            yield unsafe_set.name, np.array(least)
 
     # ---- what would help
 
@@ -185,7 +186,9 @@ class _Cell:
         elif nearest.by == "image":
             rates = losses(self.problem, speeds_of(self.problem)).T
             lost = [lost_to(self.problem, k, own, [self.table.axes[k]])[0] for k, own in enumerate(rates)]
-            further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (not self.problem.stays)
+            further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (
+                not self.problem.has_no_target
+            )
             yield f"{further}, or nothing: even from the state alone the input leads to cells that are not certified"
         else:
             yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"

@@ -140,14 +140,16 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
-    safe = table.inputs_of(cells, np.where(ahead <= left, np.maximum(ahead, left if table.problem.stays else 1), 0), 0)
+    safe = table.inputs_of(
+        cells, np.where(ahead <= left, np.maximum(ahead, left if table.problem.has_no_target else 1), 0), 0
+    )
     return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
 
 
 def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
     """The words of cells (M, ndim) as the file has them: (M, bytes) uint8."""
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
-    within, every = left if table.problem.stays else min(1, left), None
+    within, every = left if table.problem.has_no_target else min(1, left), None
     if "filter" in fields and within < left:
         every = words_of(table, cells, step, left, None, lines=True)
     nearest = words_of(
@@ -155,11 +157,12 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
     )  # an input of the fewest steps is one of all steps
 
     def mask(words: FloatArray) -> FloatArray:
+        """The bits of the inputs in words (M, numbers), as bytes (M, ceil(L / 8))."""
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
     chosen[nearest[:, 1] == NOTHING] = NO_INPUT
-    if table.problem.stays:
+    if table.problem.has_no_target:
         steps[steps == 0] = left
     else:
         chosen[(steps == 0) & (chosen == NO_INPUT)] = ARRIVED
@@ -218,7 +221,7 @@ class InLines:
         rows, every = self.sides.tolist(), (self.blocks * self.sides).tolist()
         fits = (alone for alone in range(len(rows)) if prod(rows[:alone] + every[alone:]) <= CELLS_AT_ONCE)
         alone = next(fits, len(rows) - 1)
-        starts = range(1 if table.problem.timeless else table.steps + 1)
+        starts = range(1 if table.problem.time_invariant else table.steps + 1)
         self.work = [(step, at) for step in starts for at in np.ndindex(*self.blocks[:alone].tolist())]
 
     def cells(self, at: Sequence[int]) -> FloatArray:
@@ -244,6 +247,7 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
+        """The records of the cells of one piece at one step."""
         step, at = one
         return records(table, pieces.cells(at), step, fields, rule)
 
@@ -294,7 +298,7 @@ def file_of(
         raise ValueError("a file has room for 4 GB, and these words take more; use fewer cells, or export less (only)")
     body = b"".join(part.ljust(-(-len(part) // 8) * 8, b"\0") for part in parts)
     flags = sum(1 << FIELDS.index(one) for one in fields)
-    each = 1 if problem.timeless else table.steps + 1
+    each = 1 if problem.time_invariant else table.steps + 1
     numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
     numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
     safe = [sum(1 << side for side, end in enumerate(ends) if end == "safe") for ends in grid.ends]
@@ -324,7 +328,7 @@ def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int)
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
     states = cells.lower - 0.02 * cells.length + parts * (1.04 / 65535) * cells.length
-    out, steps = np.zeros((TESTS, len(table.axes) + 1), "<u2"), 1 if problem.timeless else table.steps + 1
+    out, steps = np.zeros((TESTS, len(table.axes) + 1), "<u2"), 1 if problem.time_invariant else table.steps + 1
     out[:, :-1] = parts
     for step in range(min(steps, TESTS)):
         some = np.arange(step, TESTS, steps)
@@ -345,17 +349,17 @@ def told(
     """What `sdhj_selftest` adds up, of each of the states (M, ndim) at a step; wanted (M,): numbers of inputs."""
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
-    to_go, safe, chosen = table._words.look(table, states, step, left if problem.stays else min(1, left), rule)
+    to_go, safe, chosen = table._words.look(table, states, step, left if problem.has_no_target else min(1, left), rule)
     proved = table._words.look(table, states, step, left, None)[1]
     clear = table._words.look(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
-    apart = squared_distances(problem.inputs, problem.inputs[wanted])
-    apart[np.arange(count), wanted] = -1.0
-    nearest = np.where(proved, apart, np.inf).argmin(axis=1)
+    distances = squared_distances(problem.inputs, problem.inputs[wanted])
+    distances[np.arange(count), wanted] = -1.0
+    nearest = np.where(proved, distances, np.inf).argmin(axis=1)
     where, out = located(table, states), []
     for m in range(count):
-        arrived = not problem.stays and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
+        arrived = not problem.has_no_target and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
         none = STATUS["IN_TARGET" if arrived else "NOT_PROVED"] if left else STATUS["LAST_STEP"]
-        steps = left if problem.stays else int(to_go[m])
+        steps = left if problem.has_no_target else int(to_go[m])
         answers = (
             ("steps", to_go[m] >= 0, steps, STATUS["NOT_PROVED"], 0xFFFFFFFF),
             ("select", chosen[m] >= 0, int(chosen[m]), none, brake),
@@ -419,8 +423,8 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_COMPONENTS {inputs.shape[1]} /* of an input */",
         f"#define SDHJ_ROBOT_MASK_BYTES {-(-len(inputs) // 8)} /* of inputs as bits */",
         f"#define SDHJ_ROBOT_STEPS {table.steps}",
-        f"#define SDHJ_ROBOT_TIMELESS {int(problem.timeless)} /* 1: steps are ignored, a loop may go on without end */",
-        f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
+        f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may go on without "
+        f"end */#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
         *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",
@@ -516,6 +520,7 @@ class Exported:
 
     @cached_property
     def _opened(self) -> tuple[Any, Any]:
+        """The compiled reader and the opened table; OSError without a compiler."""
         compiler = os.environ.get("CC") or next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
         if compiler is None:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")

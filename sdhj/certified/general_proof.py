@@ -22,7 +22,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, strike, strike_ends
+from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, mark_collisions, mark_exits
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -37,7 +37,7 @@ MARGIN_OF_BOXES = 4e-10  # by so much are those boxes wider: NARROW, STATE_SLACK
 def lattice_of(
     bounds: Bounds,
     axes: Sequence[CellAxis],
-    part: UnsafeSet,
+    unsafe_set: UnsafeSet,
     times: Sequence[tuple[float, float]],
     steps: int,
     sway: FloatArray,
@@ -47,17 +47,17 @@ def lattice_of(
     Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
     box more: a tube is then looked up without it.
     """
-    own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in part.axes], 0)
-    room = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
-    fine = min(max(int(room ** (1 / len(part.axes))), 1), PIECES_OF_A_CELL)
+    own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
+    boxes = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
+    fine = min(max(int(boxes ** (1 / len(unsafe_set.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
-    sway = np.where(sway[list(part.axes)] < pitch, sway[list(part.axes)], 0.0)
-    scale = np.array([axes[axis].scale for axis in part.axes])
+    sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
+    scale = np.array([axes[axis].scale for axis in unsafe_set.axes])
     wider = sway + MARGIN_OF_BOXES * scale  # obligation 4.3
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
-    sums, some = [], [bounds.signs(part, low, high, span) <= 0 for span in times]  # obligation 4.2
+    sums, some = [], [bounds.signs(unsafe_set, low, high, span) <= 0 for span in times]  # obligation 4.2
     for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)  # obligation 4.5
@@ -67,7 +67,14 @@ def lattice_of(
         sums.append(counted.ravel())
     laps = sizes * np.where(own.periodic, 2, 1)
     return Boxes(
-        np.array(part.axes), laps, own.lower, pitch, own.length, own.periodic, sway + NARROW * scale, np.stack(sums)
+        np.array(unsafe_set.axes),
+        laps,
+        own.lower,
+        pitch,
+        own.length,
+        own.periodic,
+        sway + NARROW * scale,
+        np.stack(sums),
     )
 
 
@@ -81,7 +88,7 @@ def shapes(
 ) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
     """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
     strides, moves = moves_of(problem, axes, own)
-    times = problem.steps if any(part.moving for part in problem.unsafe) else moves[0]
+    times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
 
 
@@ -155,8 +162,8 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """What a file says of it: the parts of an interval, the axes of a place, and E."""
-        return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.unsure.tolist()}
+        """The proof's part of a file: parts of an interval, axes of a place, and E."""
+        return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
@@ -197,36 +204,38 @@ class GeneralProof(Images):
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        self.fill(min(max(finest, 1), FINEST), progress, partial(self._strike, self._lattices(progress)))
+        self.fill(min(max(finest, 1), FINEST), progress, partial(self._mark_collisions, self._lattices(progress)))
         read_only((self.low, self.high, self.clear))
 
-    def _strike(self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
+    def _mark_collisions(
+        self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
+    ) -> None:
         """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
 
         What stands still is met in all of them alike.
         """
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
-        room = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
+        rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         faces = np.stack(grid.faces("unsafe"))
         if np.isfinite(faces).any():  # obligation 4.12
-            faces += np.stack([-room, room])  # obligation 4.13
+            faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(still, ends, lambda bits, some: strike_ends(bits, tubes, places, faces, bit, some))
-        for known in (one for one in lattices if len(one) == 1):  # obligation 4.9
-            self._met(still, tubes, places, known[0], bit)
+            self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
+        for lattice in (one for one in lattices if len(one) == 1):  # obligation 4.9
+            self._met(still, tubes, places, lattice[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
-            for known in (one for one in lattices if len(one) > 1):  # obligation 4.10
-                self._met(clear, tubes, places, known[step], bit)  # obligation 4.11
+            for lattice in (one for one in lattices if len(one) > 1):  # obligation 4.10
+                self._met(clear, tubes, places, lattice[step], bit)  # obligation 4.11
             self.clear[step, :, j // 8] = clear
 
-    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], known: Boxes, bit: Any) -> None:
-        """`strike`, of all cells that may differ."""
-        self._once(clear, known.axes, lambda bits, some: strike(bits, tubes, places, known, bit, some))
+    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
+        """`mark_collisions`, of all cells that may differ."""
+        self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
-    def _once(self, clear: FloatArray, axes: FloatArray, struck: Callable[[FloatArray, Placed], Any]) -> None:
-        """Have bits struck once for all cells that differ on axes alone that neither `axes` nor an image depends on.
+    def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
+        """Clear bits once for all cells that differ on axes alone that neither `axes` nor an image depends on.
 
         Cells are in lines along the last of `axes` on which cells at a place differ.
         """
@@ -238,10 +247,10 @@ class GeneralProof(Images):
         some[along] &= length == 1
         layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
         if not alike.any():
-            struck(clear, layout)
+            mark(clear, layout)
             return
         first = np.full(clear.size, 255, np.uint8)
-        struck(first, layout)
+        mark(first, layout)
         every = clear.reshape(counts)
         every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
@@ -254,7 +263,7 @@ class GeneralProof(Images):
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
-        sway = np.max(pushed, axis=0) / 2 * length + self.unsure
+        sway = np.max(pushed, axis=0) / 2 * length + self.prediction_error
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
             if not part.moving:
                 out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
@@ -274,11 +283,11 @@ class GeneralProof(Images):
         """
         problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()  # obligation 9.5
         # obligation 9.6
-        times = self._always if self.timeless else (t - problem.sensing.jitter, t + problem.sensing.jitter)
-        for part in problem.unsafe:
-            if part.moving:
-                out &= self.over_cells(part, times) > 0  # obligation 9.4
-        if not problem.stays:
+        times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
+        for unsafe_set in problem.unsafe:
+            if unsafe_set.moving:
+                out &= self.over_cells(unsafe_set, times) > 0  # obligation 9.4
+        if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
         return to_words(out.reshape(-1, self.axes[-1].count))
 
@@ -286,9 +295,9 @@ class GeneralProof(Images):
     def _clear_of_still(self) -> FloatArray:
         """Cells outside the unsafe sets that stand still."""
         out = np.ones([axis.count for axis in self.axes], np.bool_)
-        for part in self.problem.unsafe:
-            if not part.moving:
-                out &= self.over_cells(part, self._always) > 0  # obligation 9.3
+        for unsafe_set in self.problem.unsafe:
+            if not unsafe_set.moving:
+                out &= self.over_cells(unsafe_set, self._always) > 0  # obligation 9.3
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
@@ -297,4 +306,4 @@ class GeneralProof(Images):
         Without a target S_k^n is what of S_k^{n-1} an input takes into `following`.
         """
         clear = self.clear[min(step, len(self.clear) - 1)]
-        self.led(cells, following, step, changed, clear, 1)
+        self.add_predecessors(cells, following, step, changed, clear, 1)

@@ -37,7 +37,7 @@ from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
-from sdhj.kernels.pieces import guess_room, hold_back, move_on, narrow_to_face, sweep
+from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, grow, reached_words
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -48,10 +48,10 @@ PIECES_OF_AN_AXIS = 1024  # on each axis; the checker cuts finer
 GUESSES = 40
 ROUNDED = 1 + 1e-12
 BESIDE_LAYER = 1e-7  # of an interval: the first piece beside a layer
-ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rim`
+ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.rounding`
 
 
-def unsure(problem: ReachAvoidProblem) -> FloatArray:
+def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), by how much a prediction may be off; ValueError where no bound is found."""
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
@@ -98,6 +98,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     slow, fast = near(Bounds(calm), 0.0)
 
     def spread(box: FloatArray) -> FloatArray:
+        """The largest distance of a disturbed from an undisturbed velocity within a box, (ndim,)."""
         least, most = near(disturbed, box)  # obligation 10.3
         return np.maximum(most - slow, fast - least).max(axis=(0, 1))  # obligation 10.5
 
@@ -122,7 +123,7 @@ class Proof:
         return -1
 
     def places(self, some: FloatArray) -> FloatArray:
-        """What the undisturbed velocities from cells (M, ndim) depend on, as numbers (M,)."""
+        """The number of the place of each cell (M, ndim), (M,): cells at one place move alike."""
         return np.zeros(len(some), np.int64)
 
     @property
@@ -131,14 +132,14 @@ class Proof:
         return len(self.axes) - 1
 
     @property
-    def timeless(self) -> bool:
+    def time_invariant(self) -> bool:
         """Whether one set stands for all starts, because nothing depends on time."""
-        return self.problem.timeless
+        return self.problem.time_invariant
 
     @property
     def shrinks(self) -> bool:
         """Whether sets lose cells with every step to go."""
-        return self.problem.stays
+        return self.problem.has_no_target
 
     @kept
     def cells(self) -> Cells:
@@ -154,7 +155,7 @@ class Proof:
         return STATE_SLACK * np.array([axis.scale for axis in self.axes])
 
     @kept
-    def rim(self) -> FloatArray:
+    def rounding(self) -> FloatArray:
         """How far off a cell a state may seem to be that is on its border, (ndim,).
 
         Looking a state up takes a difference and a quotient, of numbers that are rounded: the lower end and the width,
@@ -163,9 +164,9 @@ class Proof:
         return ROUNDED_OFF * np.array([axis.scale for axis in self.axes])
 
     @kept
-    def unsure(self) -> FloatArray:
+    def prediction_error(self) -> FloatArray:
         """By how much a prediction may be off, (ndim,)."""
-        return unsure(self.problem)
+        return prediction_error(self.problem)
 
 
 def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatArray:
@@ -175,11 +176,11 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     always in one range: whoever such a wall holds back is where it could be without the wall, clipped.
     """
     own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
-    for place, axis in enumerate(axes):
+    for i, axis in enumerate(axes):
         # obligation 1.1
-        own[place] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
-        steady = is_steady(problem, place) and (problem.dynamics.constant or not problem.sensing)
-        own[place] |= not steady and "wall" in problem.grid.ends[place] and not axis.periodic  # obligation 1.2
+        own[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
+        steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
+        own[i] |= not steady and "wall" in problem.grid.ends[i] and not axis.periodic  # obligation 1.2
     return own
 
 
@@ -223,6 +224,7 @@ class Images(Proof):
 
     @cached_property
     def bounds(self) -> Bounds:
+        """Bounds on the velocity and the level sets of the problem."""
         return Bounds(self.problem)
 
     @cached_property
@@ -232,6 +234,7 @@ class Images(Proof):
 
     @property
     def _always(self) -> tuple[float, float]:
+        """From the first to the last time, s."""
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept
@@ -247,10 +250,11 @@ class Images(Proof):
     @cached_property
     def along(self) -> int:
         """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
-        carried = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
-        return int(carried[-1]) if carried.size else -1
+        shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        return int(shift_invariant[-1]) if shift_invariant.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
+        """The numbers sum(cell * strides) of cells (M, ndim): (M,)."""
         return np.asarray(some @ self.strides)
 
     def image(self, cell: FloatArray, j: int, step: int) -> Ends:
@@ -259,7 +263,7 @@ class Images(Proof):
         return cell + moves.low[j, place], cell + moves.high[j, place]
 
     @kept
-    def reach(self) -> FloatArray:
+    def farthest_moves(self) -> FloatArray:
         """How far each input leads from any place, or all of them if that is fewer words: (starts, some, 2, ndim)."""
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
         whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
@@ -267,14 +271,16 @@ class Images(Proof):
         sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + more, axis=2).sum() for one in (each, whole)]
         return each if sizes[0] < sizes[1] else whole
 
-    def led(
+    def add_predecessors(
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
     ) -> None:
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
         near = np.full(cells.shape, changed is None)
         if changed is not None:
             scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
-            reached_words(*changed, self.reach[min(step, len(self.reach) - 1)], self.cells, near, *scratch)
+            reached_words(
+                *changed, self.farthest_moves[min(step, len(self.farthest_moves) - 1)], self.cells, near, *scratch
+            )
         grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:
@@ -292,6 +298,7 @@ class Images(Proof):
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
+            """The places of a slab, and their tubes and images under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)  # obligation 2.13
 
@@ -313,11 +320,12 @@ class Images(Proof):
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """`swept` of cells at some places (M,). On the axes that are carried along they may be anywhere."""
-        grid, carried, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
+        grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
-            start[0, :, k] = grid.lower[k] if carried[k] else axis.edges()[own] - self.shell[k]
-            start[1, :, k] = grid.upper[k] if carried[k] else axis.edges()[own + 1] + self.shell[k]  # obligation 2.21
+            start[0, :, k] = grid.lower[k] if shift_invariant[k] else axis.edges()[own] - self.shell[k]
+            # obligation 2.21
+            start[1, :, k] = grid.upper[k] if shift_invariant[k] else axis.edges()[own + 1] + self.shell[k]
         return self.swept(start, j, time, pieces)
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
@@ -328,7 +336,7 @@ class Images(Proof):
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         # obligation 2.6
-        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.unsure)
+        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.prediction_error)
         length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
@@ -348,12 +356,12 @@ class Images(Proof):
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
         # obligation 2.7
-        last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.unsure
+        last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.prediction_error
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
         """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing."""
-        last = last - SIDES * self.unsure  # obligation 2.8
+        last = last - SIDES * self.prediction_error  # obligation 2.8
         low, high = start + last
         return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)  # obligation 2.9
 
@@ -362,12 +370,12 @@ class Images(Proof):
     ) -> FloatArray:
         """What the ends of boxes, moved by `moved`, have moved by at the end of a piece: all (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
-        ends, room = self._room(start, moved, before, j, times, h)
-        velocity = self.bounds.velocity(j, room[0], room[1], *times)  # obligation 2.25
+        ends, enclosure = self._enclosure(start, moved, before, j, times, h)
+        velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25
         fastest = velocity.copy()
         for axis in np.flatnonzero(np.diag(self.problem.dynamics.reads) & (self.strides > 0)).tolist():
             for side in (0, 1):  # in the face of the box where the state can be the first or the last of all
-                face = room.copy()
+                face = enclosure.copy()
                 narrow_to_face(ends, velocity, h, side, axis, self.shell[axis], face)
                 fastest[side, :, axis] = self.bounds.fastest(side, axis, j, face[0], face[1], *times)  # obligation 2.17
         after = moved.copy()
@@ -379,30 +387,32 @@ class Images(Proof):
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("wall")))
         return moved
 
-    def _room(
+    def _enclosure(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
     ) -> tuple[FloatArray, FloatArray]:
         """The ends of boxes (2, M, ndim), and boxes that the state stays in for a piece of length h."""
-        carried, (ends, room, out) = self.strides == 0, np.empty((3, *start.shape))
-        guess_room(start, moved, before, carried, self.shell, ends, room)
+        shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
+        guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
         for _ in range(TRIES):
-            velocity = self.bounds.velocity(j, room[0], room[1], *times)  # obligation 2.26
-            if sweep(ends, velocity, h, carried, self.shell, room, out):
+            velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.26
+            if sweep(ends, velocity, h, shift_invariant, self.shell, enclosure, out):
                 if self.layered:
-                    out[0] = np.where(~carried & (velocity[0] >= 0.0), ends[0], out[0])  # obligation 2.4
-                    out[1] = np.where(~carried & (velocity[1] <= 0.0), ends[1], out[1])  # obligation 2.5
+                    out[0] = np.where(~shift_invariant & (velocity[0] >= 0.0), ends[0], out[0])  # obligation 2.4
+                    out[1] = np.where(~shift_invariant & (velocity[1] <= 0.0), ends[1], out[1])  # obligation 2.5
                 return ends, out
             wider = 0.1 * (out[1] - out[0]) + self.shell
-            wider_room = np.where(carried, ends, out + SIDES * wider)
-            if not np.isfinite(wider_room).all():
+            wider_enclosure = np.where(shift_invariant, ends, out + SIDES * wider)
+            if not np.isfinite(wider_enclosure).all():
                 break
-            room = wider_room
-        raise self._unbounded(j, ends, room, times)
+            enclosure = wider_enclosure
+        raise self._unbounded(j, ends, enclosure, times)
 
-    def _unbounded(self, j: int, ends: FloatArray, room: FloatArray, times: tuple[float, float]) -> ValueError:
-        """The error where no boxes are found that the states in `ends` stay in: `room` was tried; both (2, M, ndim)."""
+    def _unbounded(self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]) -> ValueError:
+        """The error where no boxes are found that the states in `ends` stay in: `enclosure` was tried; both (2, M,
+        ndim).
+        """
         names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
-        for boxes in (ends, room):
+        for boxes in (ends, enclosure):
             unknown = ~np.isfinite(self.bounds.velocity(j, boxes[0], boxes[1], *times)).all(axis=0)
             if unknown.any():
                 row, axis = np.argwhere(unknown)[0]
@@ -412,8 +422,8 @@ class Images(Proof):
                     f"{last}, where the states of a cell may come within an interval, and then nothing can be proved; "
                     "bound what it is divided by, for example np.maximum(distance, 0.01)"
                 )
-        widest = int(np.argmax((room[1] - room[0]).max(axis=1)))
-        first, last = (np.array2string(end[widest], precision=4, separator=", ") for end in room)
+        widest = int(np.argmax((enclosure[1] - enclosure[0]).max(axis=1)))
+        first, last = (np.array2string(end[widest], precision=4, separator=", ") for end in enclosure)
         return ValueError(
             f"the velocity under {u} grows too fast between {first} and {last}: within {times[1] - times[0]:.3g} s the "
             "states of a cell there may be anywhere, and nothing can be proved; limit it, for example by np.minimum"
@@ -432,7 +442,7 @@ class Images(Proof):
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
         """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
         # obligation 9.7
-        edges = [(self.axes[axis].edges(), self.shell[axis] + self.unsure[axis]) for axis in part.axes]
+        edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]
         low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
-        shape = [axis.count if place in part.axes else 1 for place, axis in enumerate(self.axes)]
+        shape = [axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)]
         return self.bounds.signs(part, low, high, times, HALVINGS_OF_A_CELL).reshape(shape)

@@ -50,7 +50,7 @@ class LosingProof(Images):
     @property
     def shrinks(self) -> bool:
         """Whether sets lose cells with every step to go."""
-        return not self.problem.stays
+        return not self.problem.has_no_target
 
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
@@ -63,18 +63,19 @@ class LosingProof(Images):
         if len(vertices) > MOST_VERTICES:
             raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
         strides, (starts, count, *rest) = moves_of(problem, axes, place_axes(problem, axes))
-        room = (starts, count * len(vertices), *rest)
-        require(6 * int(np.prod(room)), "looking for what is lost", "use fewer cells")
-        low, high = np.zeros((2, *room), np.int16)
+        shape = (starts, count * len(vertices), *rest)
+        require(6 * int(np.prod(shape)), "looking for what is lost", "use fewer cells")
+        low, high = np.zeros((2, *shape), np.int16)
         return cls(problem, axes, parts, strides, low, high, read_only(vertices))
 
     @cached_property
     def bounds(self) -> Bounds:
+        """Bounds on the velocity at the vertices of the box of v."""
         return Bounds(self.problem, self.vertices)
 
     @kept
     def past(self) -> FloatArray:
-        """What leaves over an unsafe end is lost."""
+        """Unsafe ends of axes, (2, ndim), past which a state is lost; infinite where there are none."""
         return np.stack(self.problem.grid.faces("unsafe"))
 
     def prepare(self, progress: bool | None) -> None:
@@ -98,9 +99,9 @@ class LosingProof(Images):
     def goal(self, step: int) -> FloatArray:
         """Lost_k^0; at all times where nothing depends on time."""
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
-        if self.problem.stays:
+        if self.problem.has_no_target:
             return inside
-        outside = self.over_cells(self.problem.target, self._always if self.timeless else (t, t)) > 0
+        outside = self.over_cells(self.problem.target, self._always if self.time_invariant else (t, t)) > 0
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 
@@ -109,5 +110,5 @@ class LosingProof(Images):
         inside = self.inside[min(step, len(self.inside) - 1)]
         if self.shrinks:
             cells &= ~inside  # is lost wherever it is led
-        self.led(cells, following, step, changed, np.zeros((0, 0), np.uint8), len(self.problem.inputs))
+        self.add_predecessors(cells, following, step, changed, np.zeros((0, 0), np.uint8), len(self.problem.inputs))
         cells |= inside

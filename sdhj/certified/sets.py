@@ -23,7 +23,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     asked again. [test_every_cell_whose_image_a_change_is_in_is_asked_again]
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
-    For the others: the box swept in each part, `strike`. [test_images_and_tubes_count_in_cells,
+    For the others: the box swept in each part, `mark_collisions`. [test_images_and_tubes_count_in_cells,
     test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
@@ -31,7 +31,8 @@ The obligations of the proof, where each is met, and the test in tests/certified
 8.  *States and plants are in floating point too.* A state within the *shell* of a certified cell counts as in it: 1e-10
     of the largest coordinate of an axis (`Proof.shell`), of the arm 1e-10 m and rad. Under an input certified for that
     cell the next state is within the shell, plus what the plant rounds, of a certified cell, and the tube as near to a
-    clear one: `MARGIN` covers both. `contains` and `fraction` count closed cells (`Proof.rim`), and the shell is the
+    clear one: `MARGIN` covers both. `contains` and `fraction` count closed cells (`Proof.rounding`), and the shell is
+    the
     reserve of a run from there: it may drift by that in all, through the plant's rounding, because an image may stick
     out of its cells by 2e-13 of the coordinate, or because a velocity is not the decimal that `measured` takes it for,
     5e-13 of it. `CertifiedTable.steps_of_rounding` says for how many steps. Goals and tubes hold for states in the
@@ -41,9 +42,10 @@ The obligations of the proof, where each is met, and the test in tests/certified
     [test_goal_cells_are_inside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
     is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
-    the cell widened by E, at every time that jitter allows. E is proved: `unsure`, `unknown`. With memory a cell holds
+    the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`, `unknown`. With memory a
+    cell holds
     the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
-    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.carried_on`).
+    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
@@ -196,6 +198,7 @@ class Certified(Options):
         count = math.prod(axis.count for axis in proof.axes)
 
         def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
+            """The costs of preparing and of one tube, in operations, for these cells."""
             if isinstance(proof, GeneralProof):
                 return cost(problem, axes, self.parts, speeds)
             # the agent's cells that touch the arm are found a row at a time
@@ -233,10 +236,10 @@ class Certified(Options):
 
 
 def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
-    """What a solve costs, in the operations of `sdhj.problem.cost`; in memory what it finds apart."""
+    """The cost of a solve, in the operations of `sdhj.problem.cost`, kept in memory."""
     problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
     count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
-    tubes = steps if problem.timeless else steps * (steps + 1) // 2
+    tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
     if isinstance(proof, GeneralProof):
         first, rest = cost(problem, axes, proof.parts, speeds)
     else:

@@ -66,10 +66,12 @@ class CertifiedTable(Table):
 
     @property
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]  # that of the proof
+        """The problem of the proof."""
         return self.proof.problem
 
     @property
     def axes(self) -> tuple[CellAxis, ...]:
+        """The cells of each axis."""
         return self.proof.axes
 
     @property
@@ -87,7 +89,7 @@ class CertifiedTable(Table):
         """Bytes that the sets and the proof's data take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
-    def place(self, start: int, within: int | None) -> int:
+    def tube_index(self, start: int, within: int | None) -> int:
         """The row of `index` for the entry (start, within)."""
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
@@ -108,14 +110,15 @@ class CertifiedTable(Table):
 
         Without a target it is 0 where the state is certified to stay clear for all steps that are left.
         """
-        last = self.place(step, self.steps)
-        if self.problem.stays:
+        last = self.tube_index(step, self.steps)
+        if self.problem.has_no_target:
             return self._fewest(states, last, last, self.proof.shell) * (self.steps - step + 1)
-        return self._fewest(states, self.place(step, 0), last, self.proof.shell)
+        return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        place = self.place(start, within)
-        out = self._fewest(points, place, place, self.proof.rim) == 0  # the shell is a run's reserve
+        """Whether points (M, ndim) are in a tube: in its cells, and with sensing their box E off none."""
+        place = self.tube_index(start, within)
+        out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
             around = self.around(np.atleast_2d(points)[out])
             kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
@@ -124,19 +127,19 @@ class CertifiedTable(Table):
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether predictions (M, ndim) are in no certified cell, (M,)."""
-        place = self.place(start, within)
-        return self._fewest(points, place, place, self.proof.rim) > 0
+        place = self.tube_index(start, within)
+        return self._fewest(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
         """Whether a cell (ndim,) is certified."""
-        place, out = self.place(start, within), np.empty(1, np.int64)
+        place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
 
     def around(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
         columns = []
-        for axis, (own, off) in enumerate(zip(self.axes, self.proof.unsure, strict=True)):
+        for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
             width, x = float(own.width), states[:, axis, None]
             column = x + np.linspace(-off, off, math.ceil(2 * off / width) + 1 if off else 1)
             if own.periodic and off:  # the last cell may be narrower than what lies between two of these
@@ -148,13 +151,13 @@ class CertifiedTable(Table):
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
         return self.grid.clipped(found, "wall", "unsafe")
 
-    def over(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
+    def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
 
         A box counts as wholly certified even if it exceeds the cells by the shell plus the drift of three steps. A
         box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
         """
-        cells, index, out = self.cells, self.index[self.place(start, within)], np.empty((2, 2, len(low)), np.bool_)
+        cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
         begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
         known = ((low - cells.lower > begin - 2 * shell) & (high - cells.lower < end + 2 * shell)).all(axis=1)
@@ -177,9 +180,10 @@ class CertifiedTable(Table):
 
         A state in a certified cell has at least one such input, except for within = 0; any other state has none.
         """
-        place, within = self.place(step, within), min(within, self.steps - step)
+        place, within = self.tube_index(step, within), min(within, self.steps - step)
 
         def asked(cells: FloatArray) -> FloatArray:
+            """Which inputs (n, L) are certified from cells (n, ndim) of this tube."""
             held = np.empty(len(cells), np.int64)
             fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
             return self.inputs_of(cells, np.where(held == 0, within, 0), step)
@@ -199,10 +203,10 @@ class CertifiedTable(Table):
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
         """`steps_to_go` of all states of cells (M, ndim): (M,)."""
-        last, out = self.place(step, self.steps), np.empty(len(cells), np.int64)
-        first = last if self.problem.stays else self.place(step, 0)
+        last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
+        first = last if self.problem.has_no_target else self.tube_index(step, 0)
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
-        return out * (self.steps - step + 1) if self.problem.stays else out
+        return out * (self.steps - step + 1) if self.problem.has_no_target else out
 
     def inputs_of(
         self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
@@ -214,7 +218,7 @@ class CertifiedTable(Table):
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
             return np.zeros_like(among)
-        sets = self.index[self.place(step + 1, 0) : self.place(step + 1, self.steps) + 1]
+        sets = self.index[self.tube_index(step + 1, 0) : self.tube_index(step + 1, self.steps) + 1]
         return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
@@ -222,7 +226,9 @@ class CertifiedTable(Table):
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
-    def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def next_bounds(
+        self, points: FloatArray, inputs: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The ends of the cells that points (M, ndim) are proved to lead to under inputs (M,): both (M, ndim).
 
         Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
@@ -233,7 +239,7 @@ class CertifiedTable(Table):
         rows, cells = rows[:some], cells[:some]
         fewest, each = self.fewest(cells, step), np.arange(some)
         held = fewest <= left
-        aheads = [np.full(some, left)] if self.problem.stays else [np.maximum(fewest, 1), np.full(some, left)]
+        aheads = [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
         good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
         order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
@@ -242,7 +248,7 @@ class CertifiedTable(Table):
             a, b = self.proof.image(cell, int(inputs[row]), step)
             begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in (a, b))
             low[row], high[row] = self._edge(begin), self._edge(end + 1)
-        return low, high, self.proof.unsure
+        return low, high, self.proof.prediction_error
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
         """Where edges of such numbers (ndim,) are, those of periodic axes counted on over the seam: (ndim,)."""
@@ -259,10 +265,12 @@ class CertifiedTable(Table):
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 inside."""
         start, within = self.clipped(start, within)
-        if self.problem.stays:
+        if self.problem.has_no_target:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
             return outside.reshape(self.grid.shape).astype(np.float32)
-        fewest = self._fewest(self.grid.points(), self.place(start, 0), self.place(start, self.steps), self.proof.rim)
+        fewest = self._fewest(
+            self.grid.points(), self.tube_index(start, 0), self.tube_index(start, self.steps), self.proof.rounding
+        )
         return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -270,6 +278,7 @@ class CertifiedTable(Table):
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Steps to go minus `within`, (M, V): <= 0 in the tube."""
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
@@ -292,10 +301,10 @@ class CertifiedTable(Table):
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
-        within = left if self.problem.stays else min(within, left)
+        within = left if self.problem.has_no_target else min(within, left)
         rule = "deepest" if scores is None else None
         to_go, safe, best = self._words.look(self, states, step, within, rule)
-        if self.problem.stays:
+        if self.problem.has_no_target:
             to_go[to_go >= 0] = left
         if scores is not None:
             none, best = best < 0, np.where(safe, scores, np.inf).argmin(axis=1)
@@ -305,7 +314,7 @@ class CertifiedTable(Table):
         return batch
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
-        """What a built-in rule prefers at the centres of the cells of a batch, (M,); -1 is none."""
+        """The input that a built-in rule prefers at the centre of each state's cell, (M,); -1 is none."""
         return (
             batch.best.copy()
             if rule == "deepest"
@@ -313,10 +322,12 @@ class CertifiedTable(Table):
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
+        """The safe input of least score, of equals that of least margin; `Batch.best` where none is safe."""
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+        """Every input: it has been proved."""
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
@@ -327,7 +338,7 @@ class CertifiedTable(Table):
     def bits(self, *, start: int, within: int) -> FloatArray:
         """Which cells are in the set S_start^within, bool of shape `shape`: 900 million for the arm by default."""
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
-        return to_bits(self.pool[self.index[self.place(start, within)]], packed).reshape(self.shape)
+        return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
 
     def _share(self, start: int, within: int) -> float:
         """The share of the cells' volume; with `Sensing`, of 2^18 random states, those for which `contains` is True."""
@@ -335,7 +346,7 @@ class CertifiedTable(Table):
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._measures[self.index[self.place(start, within)]] * shares))
+        return float(np.sum(self._measures[self.index[self.tube_index(start, within)]] * shares))
 
     @kept
     def _measures(self) -> FloatArray:
@@ -412,6 +423,7 @@ class CertifiedTable(Table):
         return explain(self, q, *self.clipped(step, within))
 
     def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the table to a file; replaces it, whole or not at all."""
         cells = {
             "kind": self.proof.kind,
             "shape": self.shape,
@@ -441,10 +453,10 @@ class CertifiedTable(Table):
             )
         proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
-        one_for_all = {1, problem.steps + 1} if problem.timeless else set()
+        one_for_all = {1, problem.steps + 1} if problem.time_invariant else set()
         index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
         pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
-        if problem.stays and head["details"].get("endless") and len(index) > 1:
+        if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
             raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
             raise ValueError("its pool has cells that there are not")
@@ -465,7 +477,7 @@ class CellSets:
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
         counts = [axis.count for axis in proof.axes]
-        self.filled, self.changing, self.settled, self.timeless = 0, 1.0, False, proof.timeless
+        self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
@@ -496,11 +508,13 @@ class CellSets:
         self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
+        """Keep the words of an entry that changed, for the next step."""
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
     def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
-        return self.added[0 if self.timeless else step, within]
+        """The rows that an entry changed, and their words."""
+        return self.added[0 if self.time_invariant else step, within]
 
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table; to `details` is added what there is to say of the cells."""
@@ -509,20 +523,20 @@ class CellSets:
         if problem.steps is None:
             changed = [within for (_, within), (rows, _) in self.added.items() if within and rows.size]
             last = max(changed, default=1)
-            facts |= {"endless": True} if self.settled or not problem.stays else {}
+            facts |= {"endless": True} if self.settled or not problem.has_no_target else {}
             if not self.settled:
                 tell(unsettled(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty
-        for place, (step, within) in enumerate(sorted(self.added)):
+        for i, (step, within) in enumerate(sorted(self.added)):
             rows, blocks = self.added.pop((step, within))
-            index[place] = index[place - 1] if within else 0
-            index[place, rows] = np.arange(used, used + rows.size)
+            index[i] = index[i - 1] if within else 0
+            index[i, rows] = np.arange(used, used + rows.size)
             pool.append(blocks)
             used += rows.size
         if problem.steps is None:  # without a target only what stays clear for ever
-            index = index[-1:] if problem.stays and self.settled else index[: last + 1]
+            index = index[-1:] if problem.has_no_target and self.settled else index[: last + 1]
         return CertifiedTable(proof, index, np.concatenate(pool), facts)
 
 

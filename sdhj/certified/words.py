@@ -32,6 +32,7 @@ class ProvedBatch(Batch):
 
     @cached_property
     def margins(self) -> FloatArray:
+        """(M, L), the margins at the cells of the states where inputs lead without a disturbance."""
         ahead = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
@@ -142,7 +143,7 @@ class Words:
         self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps to go (M,), proved inputs (M, L) and the preferred ones (M,) of states (M, ndim); -1 is none."""
-        alike = table.problem.timeless and not table.problem.stays  # a word of step 0 is one of all steps
+        alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
         key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
         if key not in self.layers:
@@ -167,6 +168,7 @@ class Layer:
         self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
+        """Forget all words, and make a hash table of so many slots for words of some width."""
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
     def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:

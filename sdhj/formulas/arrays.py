@@ -23,7 +23,7 @@ from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
 from sdhj.formulas.narrowing import ZERO
 from sdhj.formulas.rules import RULES
-from sdhj.formulas.zeros import UNSURE, is_negative
+from sdhj.formulas.zeros import ZERO_OF_ANY_SIGN, is_negative
 
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = f"{Path(__file__).parent.parent}{os.sep}"  # the package: what is wrong stands in the frames of its users
@@ -71,6 +71,7 @@ def noted(method: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
+        """The method; its errors become `NotTraced`, with what NumPy said."""
         try:
             return method(*args, **options)
         except NotTraced:
@@ -110,12 +111,16 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
+    """The error for a function that formulas do not know, with what to write instead."""
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 def _refused(what: str, instead: str) -> Any:
+    """A function that raises `NotTraced` with what was done and what to write instead."""
+
     def refuse(*_: Any, **__: Any) -> Any:
+        """Raise it."""
         raise NotTraced(what, instead)
 
     return refuse
@@ -226,6 +231,7 @@ class Traced(NDArrayOperatorsMixin):
         return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
+        """A copy, to be written without changing this one."""
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
@@ -246,6 +252,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
+        """A method of arrays that moves entries and computes nothing, by its name."""
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
@@ -256,6 +263,7 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def holds_traced(value: Any) -> bool:
+    """Whether a value is a traced array, or a list or tuple has one in it."""
     if isinstance(value, list | tuple):
         return any(map(holds_traced, value))
     return isinstance(value, Traced)
@@ -269,7 +277,7 @@ def _inside(value: Any) -> Any:
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """What NumPy has made of entries: arrays of nodes, a node, or lists of such."""
+    """Arrays of nodes, a node, or lists of such, as traced arrays."""
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
@@ -279,22 +287,25 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
 
 
 def _number(array: Traced) -> Traced:
-    """What NumPy gives as a number, not as an array of no dimensions: nothing can be written into it."""
+    """A traced array; of no dimensions, as NumPy returns numbers, one that cannot be written."""
     if not array.ndim:
         array.entries.setflags(write=False)
     return array
 
 
 def _nodes_of(array: Any) -> Any:
+    """Numbers and nodes (any shape) as nodes; a zero that may be negative as `ZERO_OF_ANY_SIGN`."""
     out = np.empty_like(array, dtype=object, subok=False)
     values = array.ravel().tolist()
     known = state.trace is not None
-    out.flat[:] = [v if isinstance(v, Node) else UNSURE if known and is_negative(v) else constant(v) for v in values]
+    out.flat[:] = [
+        v if isinstance(v, Node) else ZERO_OF_ANY_SIGN if known and is_negative(v) else constant(v) for v in values
+    ]
     return out
 
 
 def traced_array(value: Any) -> Traced:
-    """What a function computes with: a traced array, a list of some, a number or a plain array."""
+    """A value as a traced array: a traced or plain array, a number, or a list of them."""
     if isinstance(value, Traced):
         if value.trace != state.trace:
             raise NotTraced("an array that was kept from another call", "compute it anew")
@@ -315,6 +326,7 @@ def traced_array(value: Any) -> Traced:
 
 
 def stacked(values: Any) -> Traced:
+    """A list of values of one shape as one traced array; `NotTraced` if shapes differ."""
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
         raise NotTraced("a list of arrays of different shapes", SHAPES)
@@ -378,15 +390,15 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=object)
 
 
-def _unsure(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """An answer with `UNSURE` in place of its zeros, unless they are surely not negative."""
-    doubtful = ufunc not in CHOSEN or any((one.entries == UNSURE).any() for one in operands)
+def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
+    """An answer with `ZERO_OF_ANY_SIGN` in place of its zeros, unless they are surely not negative."""
+    doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
     if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
         return answer
     if not (zero := np.asarray(answer.entries == ZERO)).any():
         return answer
     entries = answer.entries.copy("K")
-    entries[zero] = UNSURE
+    entries[zero] = ZERO_OF_ANY_SIGN
     return Traced(entries, FLOAT)
 
 
@@ -397,7 +409,7 @@ def _true(array: Any) -> Any:
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """What a ufunc makes of traced arrays; `dtype` is that of the answer."""
+    """A ufunc of traced arrays, entry by entry; `dtype` is that of the answer."""
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
@@ -407,9 +419,11 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
-        return _unsure(ufunc, Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype), *arrays)
+        return _with_zeros_of_any_sign(
+            ufunc, Traced(mapped(OPERATIONS[ufunc], *(one.entries for one in arrays)), dtype), *arrays
+        )
     if ufunc in MADE and dtype == FLOAT:
-        return _unsure(ufunc, MADE[ufunc](*(Traced(one.entries) for one in arrays)), *arrays)
+        return _with_zeros_of_any_sign(ufunc, MADE[ufunc](*(Traced(one.entries) for one in arrays)), *arrays)
     name = f"{'numpy.' * hasattr(np, ufunc.__name__)}{ufunc.__name__}"
     if ufunc not in LOGICAL.keys() | COMPARED.keys() | OPERATIONS.keys() | MADE.keys():
         raise NotTraced(name, ADVICE.get(ufunc.__name__, ""))
@@ -495,19 +509,22 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
-    return _number(_unsure(ufunc, Traced(entries, array.dtype), array))
+    return _number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
+    """The reduction of a ufunc over axes, as NumPy calls it."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 
 def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
+    """sum(a) / n over axes."""
     total = _reduced(np.add, a, axis, keepdims)
     return total / (np.float64(traced_array(a).size) / total.size)
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
+    """numpy.linalg.norm of vectors: the 1-, 2- and maximum norm; `NotTraced` for others."""
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
@@ -519,6 +536,7 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
+    """numpy.where with two branches; `NotTraced` for a condition alone."""
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
     entries = mapped(narrowing.where, _true(condition), *map(entries_of, branches))
@@ -526,6 +544,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
+    """min(max(a, least), most), either bound left out where it is None."""
     least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
     if least is None and most is None:
         raise NotTraced("numpy.clip without bounds")
@@ -534,6 +553,7 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
+    """numpy.select: the choice of the first condition that holds, else the default."""
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
     kind = np.result_type(*map(weak_type, [*choicelist, default]))
@@ -542,6 +562,7 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
+    """rint(a 10^decimals) / 10^decimals, as NumPy rounds."""
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
     scale = 10.0 ** abs(decimals)
@@ -549,6 +570,7 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
+    """numpy.interp of a table of ascending constants: linear between, constant beyond its ends."""
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
@@ -560,6 +582,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
+    """A traced array of the shape of `a`, filled with a value."""
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]
@@ -573,7 +596,7 @@ def _summed(function: Any, *args: Any) -> Any:
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
     answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
-    return _number(_unsure(function, answer))
+    return _number(_with_zeros_of_any_sign(function, answer))
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

@@ -46,6 +46,7 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
 
 
 def _derived(one: Node, found: Found) -> Node:
+    """The derivative of a node along a line, by the chain rule from those of its operands."""
     slopes = [found[arg] for arg in one.args]
     if one.op == "where":
         return _branches(one, slopes, found)
@@ -85,6 +86,7 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
+    """The derivative of a choice: of each branch; undefined where the condition may change."""
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
     if found[condition] is ZERO:

@@ -64,6 +64,7 @@ class Formula:
         check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
+            """The arguments of a traced call: points of so many rows, and the parameters."""
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
@@ -71,7 +72,7 @@ class Formula:
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
-        """What a function that is known to treat points alike does with them: formulas are made of formulas so."""
+        """The formula of a function that is known to treat points alike."""
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
@@ -135,9 +136,9 @@ class Formula:
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
         """Least value at points (M, coordinates) over intervals of the parameters, of one result: (M,)."""
-        return self.apart(points, points, *parameters)[0]
+        return self.bounds_by_branch(points, points, *parameters)[0]
 
-    def apart(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
+    def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
         """As by `bounds`, of one result: both (M,). What is before and after the jump of an angle is bounded apart.
 
         The values between, where a `mod` or an `arctan2` jumps, are none that it has, and would be phantoms of sets on
@@ -149,8 +150,8 @@ class Formula:
         pairs = np.array(operands.bounds(low, high, *parameters)).transpose(2, 0, 1).reshape(-1, 2, *found.shape)
         with np.errstate(invalid="ignore"):  # where nothing is known
             parts = np.array([_sides(one.op, *pair) for one, pair in zip(jumps, pairs, strict=True)])
-        apart = (parts[:, 0] != parts[:, 1]).any(axis=(0, 1)) & np.isfinite(parts).all(axis=(0, 1, 2))
-        rows = np.flatnonzero(apart & np.isfinite(found).all(axis=0))
+        two_branches = (parts[:, 0] != parts[:, 1]).any(axis=(0, 1)) & np.isfinite(parts).all(axis=(0, 1, 2))
+        rows = np.flatnonzero(two_branches & np.isfinite(found).all(axis=0))
         each = []
         for sides in product((0, 1), repeat=len(jumps)) if rows.size else ():
             begins, ends = parts[range(len(jumps)), sides][..., rows].transpose(1, 2, 0)
@@ -163,10 +164,10 @@ class Formula:
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """What jumps; a pair of what each depends on; the formula with their values as further coordinates."""
+        """The nodes that jump; a pair of operands of each; the formula with their values as coordinates."""
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
-        new = {one: leaf("x", self.coordinates + place) for place, one in enumerate(found)}
+        new = {one: leaf("x", self.coordinates + i) for i, one in enumerate(found)}
         rest = replace(self, outputs=tuple(rebuilt(self.outputs, new.get)), coordinates=self.coordinates + len(found))
         pairs = [(make("div", *one.args), one.args[1]) if one.op == "mod" else one.args for one in found]
         return found, replace(self, outputs=tuple(chain(*pairs)), shape=(2 * len(found),)), rest
@@ -188,6 +189,7 @@ class Formula:
         """The same function with coordinates clipped at some ends first, infinite where there is none."""
 
         def function(points: Any, *given: Any) -> Any:
+            """The formula at points clipped to [lower, upper]."""
             return self(np.minimum(np.maximum(points, lower), upper), *given)
 
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
@@ -203,16 +205,18 @@ class Formula:
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
-        """What it computes: two with equal ones have equal values, to the last bit."""
+        """A key of what it computes: two with equal ones have equal values, to the last bit."""
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))
         return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
 
     @cached_property
     def tape(self) -> Tape:
+        """The formula as compiled code plays it."""
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
+        """The formula's outputs with its leaves replaced by traced points and parameters."""
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
@@ -231,32 +235,32 @@ class Formula:
 def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
     """The arrays of a `Tape` that computes some nodes; a slot is used again once nothing more reads it."""
     order = ordered(outputs)
-    last = {arg: place for place, one in enumerate(order) for arg in one.args}
+    last = {arg: i for i, one in enumerate(order) for arg in one.args}
     last |= dict.fromkeys(outputs, len(order))
     slots: dict[Node, int] = {}
     code, value, free, top = np.zeros((len(order), 5), np.int64), np.zeros(len(order)), list[int](), 0
     lookups, tables = list[tuple[Node, list[int]]](), dict[str, tuple[int, Lookup]]()
-    for place, one in enumerate(order):
+    for i, one in enumerate(order):
         used = [slots[arg] for arg in one.args]
         for arg in dict.fromkeys(one.args):
-            if last[arg] == place:
+            if last[arg] == i:
                 free.append(slots[arg])
         if free:
             slots[one] = free.pop()
         else:
             slots[one], top = top, top + 1
-        code[place, :2] = RULES[one.op].code, slots[one]
+        code[i, :2] = RULES[one.op].code, slots[one]
         if one.op == "gridded":
-            code[place, 2] = len(lookups)
+            code[i, 2] = len(lookups)
             lookups.append((one, used))
         else:
-            code[place, 2 : 2 + len(used)] = used
+            code[i, 2 : 2 + len(used)] = used
             if len(used) == 1:
-                code[place, 3] = used[0]
+                code[i, 3] = used[0]
         if one.op in ("x", "p"):
-            code[place, 2] = one.value[0]
+            code[i, 2] = one.value[0]
         elif one.op in ("const", "power"):
-            value[place] = one.value
+            value[i] = one.value
     found, places, starts = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12)), 0
     for row, (one, used) in enumerate(lookups):
         table, n = one.value, len(used)
@@ -278,6 +282,7 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
     points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
 
     def values(nodes: Sequence[Node]) -> FloatArray:
+        """The values of some nodes at the random points, (nodes, M)."""
         one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
         return one(points, *given, finite=False).T
 
@@ -329,14 +334,14 @@ def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray
         values = np.asarray(function(given, *parameters), dtype=np.float64).reshape(len(points), -1)
         own = formula(points, *parameters, finite=False).reshape(len(points), -1)
         largest = np.abs(np.where(np.isfinite(own), own, 0.0)).max(axis=0, initial=0.0)
-        apart = np.isfinite(own) & ~(np.abs(own - values) <= NEARLY * largest)
-        if not apart.any():
-            return values, own, ~apart, apart
+        differs = np.isfinite(own) & ~(np.abs(own - values) <= NEARLY * largest)
+        if not differs.any():
+            return values, own, ~differs, differs
         ends = formula.bounds(points, points, *((t, t) for t in parameters))
         low, high = (end.reshape(len(points), -1) for end in ends)
         slack = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high))) + (high - low)
         good = ~np.isfinite(low) | ((low - slack <= values) & (values <= high + slack))
-        return values, own, good, apart & (high - low > WIDE * (1.0 + np.abs(own)))
+        return values, own, good, differs & (high - low > WIDE * (1.0 + np.abs(own)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,9 +423,10 @@ class BlackBox:
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
-        """As `Formula.clipped`."""
+        """The black box at points clipped to [lower, upper]."""
 
         def cut(function: Any, count: int) -> Any:
+            """A function of points, the first `count` arguments, clipped to [lower, upper]."""
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
@@ -431,7 +437,7 @@ class BlackBox:
         return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """As `Formula.bounds`; ValueError, with the reason, where too little is declared."""
+        """Least and greatest values over boxes; ValueError, with the reason, where too little is declared."""
         if self.enclosure is not None:
             least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
             return least, greatest
@@ -443,6 +449,7 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
+            """At most how far values change over displacements `by` and a duration: slope |by| + rate duration."""
             far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
             far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
@@ -453,10 +460,10 @@ class BlackBox:
         far = change((high - low) / 2, (time[1] - time[0]) / 2) * (1 + 1e-9) + 1e-9 * size
         return value - far, value + far
 
-    apart = bounds  # it is as its author says
+    bounds_by_branch = bounds  # it is as its author says
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
-        """As `Formula.least`, of a level set; ValueError where it is not said how fast it changes."""
+        """Least value over an interval of time; ValueError where it is not declared how fast it changes."""
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
         if self.rate is None:
@@ -499,6 +506,7 @@ ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y an
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
+    """A function called with the input u inserted at some place among its arguments."""
     return function(*given[:place], u, *given[place:])
 
 
@@ -530,5 +538,6 @@ def complement(function: Any) -> Any:
 
 
 def _check_sets(name: str, functions: Sequence[Any]) -> None:
+    """ValueError where an argument of `union` or its like is no level-set function."""
     for function in functions:
         check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

@@ -66,6 +66,7 @@ class Lookup:
 
 
 def _sealed(values: Any) -> bool:
+    """Whether values are a read-only float64 array of its own memory."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
     return fits and values.flags.owndata and not values.flags.writeable
 
@@ -123,14 +124,17 @@ def leaf(kind: str, index: int, row: int = 0) -> Node:
 
 
 def constant(value: float) -> Node:
+    """The node of a constant; -0.0 becomes 0.0."""
     return interned("const", (), float(value) + 0.0)  # a zero has no sign
 
 
 def node(value: Any) -> Node:
+    """A number as a constant; a node as it is."""
     return value if isinstance(value, Node) else constant(value)
 
 
 def is_constant(one: Node, value: float | None = None) -> bool:
+    """Whether a node is a constant, of some value if one is given."""
     return one.op == "const" and (value is None or one.value == value)
 
 

@@ -48,15 +48,15 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
     """The same wherever a condition holds, or does not."""
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
-    cuts, apart = defaultdict[Node, list[tuple[str, Node]]](list), set[Node]()  # what is not 0
+    cuts, nonzero = defaultdict[Node, list[tuple[str, Node]]](list), set[Node]()  # what is not 0
     for a, b, strict in _ordered_pairs(condition, holds):
         for cut, op, bound in _cuts(a, b):
             cuts[cut].append((op, bound))
-        apart |= {b} if is_constant(a) and (a.value > 0 or (strict and a is ZERO)) else set()
-        apart |= {a} if is_constant(b) and (b.value < 0 or (strict and b is ZERO)) else set()
+        nonzero |= {b} if is_constant(a) and (a.value > 0 or (strict and a is ZERO)) else set()
+        nonzero |= {a} if is_constant(b) and (b.value < 0 or (strict and b is ZERO)) else set()
     new = dict[Node, Node]()
     for one in order:
-        divided = one.op == "div" and _is_apart(one.args[1], apart)
+        divided = one.op == "div" and _is_nonzero(one.args[1], nonzero)
         share = _shares(one.args[0], one.args[1], new) if divided else None
         args = [new[arg] for arg in one.args]
         new[one] = one if not args else share if share is not None else make(one.op, *args, value=one.value)
@@ -93,13 +93,14 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
+    """Whether a node is never negative: an absolute value, a square or the like, or such a constant."""
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
-def _is_apart(one: Node, apart: set[Node]) -> bool:
+def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
     """Whether a divisor is not 0, by what is known not to be."""
-    inner = one.op in ("abs", "neg", "sqrt") and _is_apart(one.args[0], apart)
-    return inner or one in apart or make("abs", one) in apart
+    inner = one.op in ("abs", "neg", "sqrt") and _is_nonzero(one.args[0], nonzero)
+    return inner or one in nonzero or make("abs", one) in nonzero
 
 
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:

@@ -58,11 +58,11 @@ def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[
         signature.bind(*takes)
     except TypeError:
         raise ValueError(f"{expected}, got a function of {signature}") from None
-    for place, (wanted, given) in enumerate(zip(takes, places, strict=False)):
+    for i, (wanted, given) in enumerate(zip(takes, places, strict=False)):
         other = given.name in KNOWN_NAMES or (
-            place >= len(first) and (given.name in STATE_NAMES or given.default is not given.empty)
+            i >= len(first) and (given.name in STATE_NAMES or given.default is not given.empty)
         )
-        if place and given.name != wanted and other:
+        if i and given.name != wanted and other:
             raise ValueError(
                 f"{expected}, got a function of {signature}, whose {given.name} would be {wanted}: the first parameter "
                 f"is the state, whatever it is called, and what stands in the place of {wanted} is {wanted}; call it "

@@ -64,12 +64,14 @@ def _is(one: Any, value: float) -> bool:
 
 
 def _add(make: Make, a: Any, b: Any) -> Any:
+    """a + b simplified: 0 + b = b, a + (-b) = a - b; else None."""
     if _is(a, 0.0) or _is(b, 0.0):
         return b if _is(a, 0.0) else a
     return make("sub", a, b.args[0]) if b.op == "neg" else None
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
+    """a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b; else None."""
     if _is(b, 0.0):
         return a
     if a is b and a.total:
@@ -78,6 +80,7 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
+    """a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b; else None."""
     for one, other in ((a, b), (b, a)):
         if _is(one, 0.0) and other.total:
             return make(value=0.0)
@@ -89,6 +92,7 @@ def _mul(make: Make, a: Any, b: Any) -> Any:
 
 
 def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
+    """A choice simplified: of a constant condition, or between equal branches; else None."""
     if condition.op == "const":
         return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
@@ -98,6 +102,7 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     """Of an operation that gives a itself for a and a, and for a and `neutral`."""
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
+        """op(a, b) simplified by its neutral element and by joining constants; else None."""
         if a is b or _is(b, neutral):
             return a
         if a.op == op and b.op == "const" and a.args[1].op == "const":
@@ -125,6 +130,7 @@ def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """(a b)' = a' b + a b'."""
     if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
         return d[1] * a[0] if d[0] is zero else d[0] * a[1]
     return d[0] * a[1] + a[0] * d[1]
@@ -135,16 +141,19 @@ def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'."""
     base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
     return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
 
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0."""
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
     return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole."""
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + settled(make, laps)
 

@@ -25,7 +25,7 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
     """The lines of some nodes; look-ups are added to `tables` where they are not in it yet."""
     order, lines = ordered(outputs), list[str]()
-    number = {one: str(place) for place, one in enumerate(order)}
+    number = {one: str(i) for i, one in enumerate(order)}
     for one in order:
         words = [number[arg] for arg in one.args]
         if one.op in ("x", "p"):
@@ -56,28 +56,31 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
     @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
+        """The table of a number, as a `Lookup`."""
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
 
     def looked_up(number: str, *ends: str) -> Lookup:
+        """The `Lookup` of a line: the number of its table, its lower ends, its spacings."""
         cut = ends.index("spacing")
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
         return Lookup.of(table(_index(number, len(tables))), lower, spacing)
 
-    for place, line in enumerate(lines):
+    for i, line in enumerate(lines):
         try:
             op, *words = line.split()
-            if place == len(lines) - 1:
+            if i == len(lines) - 1:
                 if op != "return" or not words:
                     raise ValueError("the last line must be `return` and the results")
-                return tuple(nodes[_index(word, place)] for word in words)
+                return tuple(nodes[_index(word, i)] for word in words)
             nodes.append(_node(op, words, nodes, looked_up, limits))
         except (ValueError, IndexError, OverflowError, AttributeError) as error:
-            raise ValueError(f"line {place} of a formula, {str(line)[:80]!r}, cannot be read: {error}") from None
+            raise ValueError(f"line {i} of a formula, {str(line)[:80]!r}, cannot be read: {error}") from None
     raise AssertionError
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
+    """The node of one line; ValueError with what is wrong."""
     value: Any = None
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
@@ -101,6 +104,7 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
 
 
 def _index(word: str, most: int) -> int:
+    """A whole number below `most`; ValueError otherwise."""
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
@@ -125,6 +129,7 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
+    """Whether two values of nodes, numbers or tables, differ by rounding at most."""
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
@@ -142,6 +147,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
+        """An operand as text, in parentheses where its operation binds less than `rank`."""
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
         binds = -1 if text[arg] in named else RULES[op].binds
         return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"

@@ -26,19 +26,23 @@ LISTS = "min max amin amax sum prod mean var std any all where clip"  # which ma
 
 
 def _joined(value: Any) -> Any:
+    """A list with traced arrays in it as one traced array; anything else as it is."""
     return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
 def _listing(original: Any) -> Callable[..., Any]:
+    """A NumPy function that also takes lists of traced arrays."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
+    """numpy.array of a traced array or of a list of some."""
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
+    """numpy.ascontiguousarray of a traced array."""
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
@@ -50,6 +54,7 @@ def _making(original: Any, ours: Any) -> Callable[..., Any]:
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
+    """numpy.full_like of a traced array, of the type of what fills it."""
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
@@ -59,6 +64,7 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
+        """numpy.empty and its like: traced where the shape has the number of points in it."""
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
@@ -72,6 +78,7 @@ def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any
     """tile, repeat and broadcast_to, whose numbers can be written over where there are as many as points."""
 
     def repeat(*args: Any, **options: Any) -> Any:
+        """The function, its answer traced where it has a row for each point."""
         answer = original(*args, **options)
         wanted = state.trace == trace and answer.dtype == np.float64 and rows in answer.shape
         return traced_array(answer) if wanted else answer
@@ -90,6 +97,7 @@ class _Joining:
 
     @noted
     def _join(self, at: Any) -> Any:
+        """numpy.r_ or numpy.c_ of traced arrays."""
         parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
         if self.columns:
             parts = [one if one.ndim > 1 else one[:, None] for one in parts]
@@ -110,6 +118,7 @@ class _Replaced:
 
 
 def _numpy(rows: int) -> _Replaced:
+    """What replaces functions of NumPy while a function is traced with so many rows."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
@@ -144,6 +153,7 @@ def _users() -> list[dict[str, Any]]:
 
 
 def _is_users(name: str, module: Any) -> bool:
+    """Whether a module is the user's: a file of Python, not installed, not of this package."""
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))

@@ -5,7 +5,8 @@ hold all. Where y is 0 in a whole region, as np.maximum(y, 0.0) is, the sign is 
 formulas keep no account: they add no zeros, and 0 times x is 0 to them. `signs` says whether there can be such a
 region, and which sign is beyond doubt there.
 
-While a function is traced the constant `UNSURE` stands in place of 0 where a zero may be -0.0; no formula has it.
+While a function is traced the constant `ZERO_OF_ANY_SIGN` stands in place of 0 where a zero may be -0.0; no formula
+has it.
 """
 
 import math
@@ -20,7 +21,7 @@ from sdhj.formulas.narrowing import ZERO
 from sdhj.formulas.rules import RULES
 from sdhj.kernels import FloatArray
 
-UNSURE = interned("const", (), -0.0)
+ZERO_OF_ANY_SIGN = interned("const", (), -0.0)
 MOST_CHOSEN = 256  # ways to choose that are tried
 POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
@@ -32,8 +33,8 @@ def is_negative(value: Any) -> bool:
 
 
 def unsigned(outputs: Sequence[Node]) -> list[Node]:
-    """The same with 0 in place of `UNSURE`."""
-    return rebuilt(outputs, {UNSURE: ZERO}.get) if UNSURE in ordered(outputs) else list(outputs)
+    """The same with 0 in place of `ZERO_OF_ANY_SIGN`."""
+    return rebuilt(outputs, {ZERO_OF_ANY_SIGN: ZERO}.get) if ZERO_OF_ANY_SIGN in ordered(outputs) else list(outputs)
 
 
 def signs(one: Node, values: Values) -> set[float]:
@@ -71,6 +72,6 @@ def _ways(one: Node) -> list[Node]:
             if each.op == "floor":
                 ways.append(ZERO)
             if each.op == "gridded" and (each.value.values == 0.0).any():
-                ways.append(UNSURE if np.signbit(each.value.values[each.value.values == 0.0]).any() else ZERO)
+                ways.append(ZERO_OF_ANY_SIGN if np.signbit(each.value.values[each.value.values == 0.0]).any() else ZERO)
         found[each] = list(dict.fromkeys(ways))[: MOST_CHOSEN + 1]
     return found[one]

@@ -69,6 +69,7 @@ class kept(cached_property[T]):
 
     def __init__(self, function: Callable[[Any], T]) -> None:
         def found(self: Any) -> Any:
+            """The value, made read-only."""
             return unwritable(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

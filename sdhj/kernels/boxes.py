@@ -68,7 +68,7 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 
 @kernel()
 def _turned(out, values, kind, leaves, raised):
-    """As `maximum_of_intervals` of one leaf, for some rows (rows, n, B) with few nodes each, side by side."""
+    """The maximum over intervals of one leaf, for rows (rows, n, B) with few nodes each, side by side."""
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
     turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)

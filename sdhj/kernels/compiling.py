@@ -85,6 +85,7 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
+        """The compiled function, cached on disk where a folder can be written."""
         whole = {"pipeline_class": Whole, **options} if LINKED else options
         try:
             dispatcher: Any = njit(cache=True, **whole)(function)
@@ -112,6 +113,7 @@ class Kernel(CPUDispatcher):
 
     @property
     def _numba_type_(self) -> Any:
+        """The Numba type of the dispatcher, for calls from other kernels."""
         return types.Dispatcher(self.within or self)
 
 
@@ -119,6 +121,7 @@ class Whole(Compiler):
     """Compiles a function that Python calls: what it calls is `Linked` with it, and the whole is optimised."""
 
     def compile_extra(self, func: Any) -> Any:
+        """Compile with libraries that are linked into one, optimised as a whole."""
         codegen = self.state.targetctx.codegen()
         self.state.library = codegen.create_library(func.__qualname__)
         self.state.library.enable_object_caching()
@@ -143,10 +146,12 @@ class Linked(JITCodeLibrary):
     whole = False
 
     def _optimize_final_module(self) -> None:
+        """Optimise only the whole library."""
         if self.whole:
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
+        """Finish the whole library; of a part, only what linking it needs."""
         if self.whole:
             super()._finalize_final_module()
         else:
@@ -162,6 +167,7 @@ class Linked(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
+        """Numba's code generator for the whole library; this object for its parts."""
         return self._codegen if self.whole else self
 
     def set_env(self, name: str, environment: Any) -> None:
@@ -182,10 +188,11 @@ class MachineCode:
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
+        """The file of the machine code for a key."""
         return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """What was kept under a key; None where that is nothing or damaged."""
+        """The code kept under a key; None where there is none or it is damaged."""
         path = self._path(key)
         try:
             whole = path.read_bytes()
@@ -216,6 +223,7 @@ class MachineCode:
         """
 
         def compiled(signature: Any) -> Any:
+            """The code for a signature; other processes and threads wait meanwhile."""
             path = self._path(signature).with_suffix(".lock")
             with global_compiler_lock, _locked(path):  # Numba's keeps other threads out
                 return compile_it(signature)
@@ -240,6 +248,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _lock(file: int) -> bool:
+    """Whether a lock on an open file could be taken at once."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -249,7 +258,7 @@ def _lock(file: int) -> bool:
 
 @contextmanager
 def _cache_is_optional() -> Iterator[None]:
-    """Whatever is wrong with what is kept on disk: the kernel is compiled, or not kept."""
+    """Let a kernel be compiled, or not kept, whatever is wrong with the cache on disk."""
     try:
         yield
     except Exception as error:
@@ -258,6 +267,7 @@ def _cache_is_optional() -> Iterator[None]:
 
 @cache
 def _say_uncached(why: str) -> None:
+    """Warn, once for each process, that compiled code is not kept on disk."""
     if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
         warnings.warn(
             f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
@@ -325,6 +335,7 @@ def free_cores() -> int:
 
 
 def _forked() -> None:
+    """After a fork: threads of the parent do not exist here."""
     Shared.running = threading.RLock()
     with suppress(ValueError):  # no threads were started
         lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
@@ -345,6 +356,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
+        """The function, inlined into every kernel that calls it."""
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
@@ -359,9 +371,11 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
     functions = tuple(table.values())
 
     def call(place: tuple[int, ...], *arguments: Any) -> Any:
+        """Call the function whose number is the length of `place`."""
         return functions[len(place)](*arguments)
 
     def compiled(place: Any, *types: Any) -> Callable[..., Any]:
+        """The same for the compiler, which knows the length from the type."""
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
@@ -371,7 +385,7 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
 
 
 def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
-    """What stands for an entry of a table where `chosen` picks a function: as many zeros as entries precede it."""
+    """The number of a table's entry as `chosen` takes it: a tuple of as many zeros."""
     return (0,) * list(table).index(name)
 
 
@@ -433,12 +447,14 @@ class _Announcer(Listener):
     said = False
 
     def on_start(self, event: Any) -> None:
+        """Say, once, that kernels are being compiled."""
         kernel = event.data["dispatcher"].py_func
         if not self.said and kernel.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 
     def on_end(self, event: Any) -> None:
+        """Nothing: the event's interface asks for it."""
         pass
 
 

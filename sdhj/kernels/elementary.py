@@ -86,6 +86,7 @@ def sine(x, ahead):
 
 @_inlined
 def tan(x):
+    """tan(x) = sin(r) / cos(r), or -cos(r) / sin(r) in odd quarters, r reduced to [-pi/4, pi/4]."""
     r, quarter = _reduced(x)
     sine, cosine = _sine(r), _cosine(r)
     return (-cosine if quarter & 1 else sine) / (sine if quarter & 1 else cosine)
@@ -93,6 +94,7 @@ def tan(x):
 
 @_inlined
 def _power_of_two(exponent):
+    """2^exponent, from the bits of a double."""
     return np.int64((exponent + 1023) << 52).view(np.float64)
 
 
@@ -116,6 +118,7 @@ def _exp(x, low):
 
 @_inlined
 def exp(x):
+    """e^x."""
     return _exp(x, 0.0)
 
 
@@ -130,6 +133,7 @@ def _split(x):
 
 @_inlined
 def log(x):
+    """The natural logarithm: k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f)."""
     k, f = _split(x)
     s = f / (2.0 + f)
     z = s * s
@@ -216,6 +220,7 @@ def _artan(p, q):
 
 @_inlined
 def arctan(x):
+    """arctan(x), odd: that of |x| as a sum of two doubles, with the sign of x."""
     high, low = _artan(abs(x), 1.0)
     value = high + low
     return -value if x < 0.0 else value
@@ -233,6 +238,7 @@ def arctan2(y, x):
 
 @_inlined
 def tanh(x):
+    """tanh(x): x + x^3 p(x^2) / q(x^2) for small |x| (Cephes), else 1 - 2 / (e^(2 |x|) + 1) with its sign."""
     z = x * x
     p = (-9.64399179425052238628e-1 * z - 9.92877231001918586564e1) * z - 1.61468768441708447952e3
     q = ((z + 1.12811678491632931402e2) * z + 2.23548839060100448583e3) * z + 4.84406305325125486048e3
@@ -254,6 +260,7 @@ def _arc(z):
 
 @_inlined
 def arcsin(x):
+    """arcsin(x), by a rational function; pi/2 - 2 arcsin(sqrt((1 - |x|) / 2)) for |x| > 1/2."""
     size = abs(x)
     large = size > 0.5
     z = 0.5 * (1.0 - size) if large else x * x
@@ -265,6 +272,7 @@ def arcsin(x):
 
 @_inlined
 def arccos(x):
+    """arccos(x) = pi/2 - arcsin(x), by half angles for |x| > 1/2."""
     size = abs(x)
     large = size > 0.5
     z = 0.5 * (1.0 - size) if large else x * x
@@ -276,6 +284,7 @@ def arccos(x):
 
 @_inlined
 def hypot(a, b):
+    """sqrt(a^2 + b^2), scaled by a power of two so that squares do not overflow."""
     a, b = abs(a), abs(b)
     size = a if a > b else b
     size = size if size > 2.0**-1000 else 2.0**-1000

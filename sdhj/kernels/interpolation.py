@@ -24,7 +24,7 @@ class Lattice(NamedTuple):
     periodic: Any
     least: Any  # coordinates past which a state is lost, through an unsafe end; infinite where there is none
     most: Any
-    left: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2 ndim,)
+    safe_ends: Any  # coordinates past which it is out of danger, through a safe end, below and above: (2 ndim,)
     first: Any
     extent: Any
 
@@ -134,7 +134,7 @@ def turned(x, lower, upper):
 
 @kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
-    """As `turned`, all coordinates of periodic axes; `points` is written."""
+    """Wrap all coordinates of periodic axes into [lower, upper); `points` is written."""
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):
             if periodic[axis]:

@@ -47,6 +47,7 @@ def farthest(low, high):
 
 @_inlined
 def hull(p, q, r, s):
+    """The least and the greatest of four numbers."""
     return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))  # obligation 7.5
 
 
@@ -86,6 +87,7 @@ def of_signs(low, high, negative, positive):
 
 @_inlined
 def mul(a, b, c, d):
+    """a b: the hull of the products of the ends, rounded outward."""
     low, high = hull(a * c, a * d, b * c, b * d)
     negative, positive = (a < 0.0) & (d > 0.0) | (b > 0.0) & (c < 0.0), (a < 0.0) & (c < 0.0) | (b > 0.0) & (d > 0.0)
     return of_signs(low, high, negative, positive)
@@ -93,6 +95,7 @@ def mul(a, b, c, d):
 
 @_inlined
 def div(a, b, c, d):
+    """a / b: the hull of the quotients of the ends, rounded outward; NaN where b holds 0."""
     above, below = c > 0.0, d < 0.0
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below

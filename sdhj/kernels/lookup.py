@@ -7,8 +7,8 @@ threads.
 import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
-from sdhj.kernels.tape import BLOCK, RESULTS, length, part, play_in_room, slots_of, work_for
-from sdhj.kernels.true_sets import LOOK, ONLY_LOOK, TUBES, evaluate, judge, propose, spots_for
+from sdhj.kernels.tape import BLOCK, RESULTS, length, part, play_with_scratch, slots_of, work_for
+from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO, TUBES, evaluate, judge, propose, samples_for
 from sdhj.kernels.tubes import (
     AT_AHEAD,
     AT_BEGIN,
@@ -18,10 +18,10 @@ from sdhj.kernels.tubes import (
     AT_STATIC,
     AT_TARGET,
     AT_UNSAFE,
-    LOOK_TIMES,
+    CHECK_TIMES,
     PATH,
-    Room,
-    Shelf,
+    LookupScratch,
+    StoredTubes,
     by_tubes,
     hazards,
     hull_of,
@@ -31,25 +31,30 @@ from sdhj.kernels.tubes import (
 
 
 @kernel(**UNCOUNTED)
-def _look(rows, when, states, packs, ahead, table, space, out):
+def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
     """The look at the true sets for some rows, by their tapes; False where they are undefined.
 
-    table : (shelf, lattice). space : (room, spots, work)
+    table : (shelf, lattice). space : (room, samples, work)
     """
-    (step, within, _, _, looks), (ints, floats), (shelf, lattice), (room, spots, work) = when, packs, table, space
-    times = part(ints, floats, LOOK_TIMES)
-    waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, spots)
+    (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
+        when,
+        packs,
+        table,
+        space,
+    )
+    times = part(ints, floats, CHECK_TIMES)
+    waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, samples)
     while waiting > 0:
-        if not evaluate(waiting, rows, packs, times, out[0], spots, work):
+        if not evaluate(waiting, rows, packs, times, out[0], samples, work):
             return False
-        waiting = judge(waiting, rows, looks, times.size, out, spots)
-        for k in range(waiting if looks == LOOK else 0):
-            r, some = spots[0][0, k], False
+        waiting = judge(waiting, rows, checks, times.size, out, samples)
+        for k in range(waiting if checks == TRUE_SETS_TOO else 0):
+            r, some = samples[0][0, k], False
             for j in range(out[1].shape[1]):
                 some |= out[1][rows[r], j]
             if not some:
-                hazards(shelf, step, states[rows[r]], lattice, room, spots[2][r])
-        waiting = propose(waiting, within, states, rows, packs, ahead, out, spots)
+                hazards(stored_tubes, step, states[rows[r]], lattice, scratch, samples[2][r])
+        waiting = propose(waiting, within, states, rows, packs, ahead, out, samples)
     return True
 
 
@@ -66,7 +71,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
             for axis in range(ndim):
                 at[r, axis] = states[rows[r], axis]
         tape, lead = (ints, floats, np.int64(AT_AHEAD)), near.reshape(played, near.shape[3])
-        if play_in_room(tape, at, part(ints, floats, AT_BEGIN), lead, np.int64(0), rows.size, work) != 0.0:
+        if play_with_scratch(tape, at, part(ints, floats, AT_BEGIN), lead, np.int64(0), rows.size, work) != 0.0:
             return -1
     elif ends.shape[3] > 1:
         for term in range(near.shape[0]):
@@ -83,14 +88,14 @@ def _lead(begin, rows, states, packs, ends, found, work):
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
     """The answers for some states; False where formulas are undefined."""
-    (step, within, steps, game, looks), (ints, floats), (index, tubes, masks, static, moving) = when, packs, stored
+    (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
-    shelf = Shelf(steps, game, index, tubes, masks, static, still, moving, timed)
-    for r in range(rows.size if looks != ONLY_LOOK else 0):
+    stored_tubes = StoredTubes(steps, game, index, tubes, marks, static, still, moving, timed)
+    for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
         column = r if ahead[0].shape[3] > 1 else 0
-        by_tubes(rows[r], column, states, (step, within), shelf, ahead[0], (order, lattice, space[0]), out)
-    return looks == TUBES or _look(rows, when, states, packs, ahead, (shelf, lattice), space, out)
+        by_tubes(rows[r], column, states, (step, within), stored_tubes, ahead[0], (order, lattice, space[0]), out)
+    return checks == TUBES or _check_true_sets(rows, when, states, packs, ahead, (stored_tubes, lattice), space, out)
 
 
 @kernel(nogil=True)
@@ -101,11 +106,11 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ----------
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
-    when : (step, within, steps, game, looks)
+    when : (step, within, steps, game, checks)
         Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. game:
-        as in `Shelf`. looks: `TUBES`, `LOOK` or `ONLY_LOOK`, which begins with what is in `out`.
-    packs, stored : (ints, floats), (index, tubes, masks, static, moving)
-        What is packed (above); of a `Shelf`.
+        as in `StoredTubes`. checks: `TUBES`, `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, which begins with what is in `out`.
+    packs, stored : (ints, floats), (index, tubes, marks, static, moving)
+        What is packed (above); of a `StoredTubes`.
     ends : (4 + K, L, ndim, 1 or R)
         What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
@@ -123,23 +128,23 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
     ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
-    count, sets = length(ints, np.int64(LOOK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
+    count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
     played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
-    room = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
-    spots = spots_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
+    scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
+    samples = samples_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        needed = _lead(begin, some, states, packs, ends, (near, at, room.hull), work)
+        needed = _lead(begin, some, states, packs, ends, (near, at, scratch.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
-            room = Room(*room[:7], *block, *room[9:])  # type: ignore[call-arg]
-        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (room, spots, work), out):
+            scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
+        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (scratch, samples, work), out):
             return False
     return True

@@ -53,6 +53,7 @@ def to_bits(blocks: FloatArray, count: int) -> FloatArray:
 
 @kernel(inline="always")
 def has_bit(block, bit):
+    """Whether a bit of packed words is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & BIT != 0
 
 

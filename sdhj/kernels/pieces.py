@@ -1,8 +1,8 @@
 """One piece of an interval, for many boxes at once: the arithmetic of `sdhj.certified.images`, where its reasons stand.
 
 Boxes, how far their ends have moved, and bounds on velocities in them are (2, M, ndim): lower ends, upper ends.
-carried (ndim,) bool: axes on which a box is all there is. shell (ndim,): room for rounding, of which it takes less
-than a millionth: it is off by some units in the last place, 2e-16 of a coordinate, and the shell is 1e-10 of the
+shift_invariant (ndim,) bool: axes on which a box is all there is. shell (ndim,): room for rounding, of which it takes
+less than a millionth: it is off by some units in the last place, 2e-16 of a coordinate, and the shell is 1e-10 of the
 largest one. Numbers that are undefined are passed on, never dropped.
 """
 
@@ -14,34 +14,36 @@ from sdhj.kernels.compiling import kernel
 
 
 @kernel(nogil=True)
-def guess_room(start, moved, before, carried, shell, ends, room):
+def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
     """Write where boxes that began at `start` are, and a guess of what they sweep next: as much as `before`."""
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(start.shape[1]):
-            for k in range(carried.size):
+            for k in range(shift_invariant.size):
                 end, last = start[side, m, k], before[side, m, k]
-                if not carried[k]:
+                if not shift_invariant[k]:
                     end += moved[side, m, k]
-                ends[side, m, k] = room[side, m, k] = end
-                if not carried[k]:
-                    room[side, m, k] = end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + shell[k])
+                ends[side, m, k] = enclosure[side, m, k] = end
+                if not shift_invariant[k]:
+                    enclosure[side, m, k] = (
+                        end + (last if way * last > 0.0 else 0.0) + way * (0.2 * abs(last) + shell[k])
+                    )
 
 
 @kernel(nogil=True)
-def sweep(ends, velocity, h, carried, shell, room, out):
-    """Write what boxes sweep within h at velocities that hold in `room`; whether they stay inside it."""
+def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
+    """Write what boxes sweep within h at velocities that hold in `enclosure`; whether they stay inside it."""
     inside = True
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(ends.shape[1]):
-            for k in range(carried.size):
+            for k in range(shift_invariant.size):
                 end = out[side, m, k] = ends[side, m, k]
-                if not carried[k]:
+                if not shift_invariant[k]:
                     moved = end + h * velocity[side, m, k]
                     end = (end if way * moved <= way * end else moved) + way * shell[k] / 4
                     out[side, m, k] = end
-                    inside &= way * end < way * room[side, m, k]  # obligation 2.14
+                    inside &= way * end < way * enclosure[side, m, k]  # obligation 2.14
     return inside
 
 
@@ -68,13 +70,13 @@ def move_on(moved, velocity, h):
 
 
 @kernel(nogil=True)
-def hold_back(start, moved, carried, walls):
+def hold_back(start, moved, shift_invariant, walls):
     """Let ends move to the walls (2, ndim) of their axes at most. In place."""
     for side in range(2):
         for m in range(start.shape[1]):
-            for k in range(carried.size):
+            for k in range(shift_invariant.size):
                 begin, place = start[side, m, k], start[side, m, k] + moved[side, m, k]
-                if not carried[k] and (place < walls[0, k] or place > walls[1, k]):
+                if not shift_invariant[k] and (place < walls[0, k] or place > walls[1, k]):
                     at_wall = walls[0, k] if place < walls[0, k] else walls[1, k]
                     moved[side, m, k] = np.nextafter(at_wall - begin, np.inf if side else -np.inf)  # obligation 2.18
 

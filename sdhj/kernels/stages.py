@@ -17,7 +17,7 @@ from numba import prange
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW, UNCOUNTED, chosen, inlined, kernel
 
-REACH = 3  # nodes to each side that the kernels can read
+STENCIL_RADIUS = 3  # nodes to each side that the kernels can read
 BLOCKS = 64  # pieces that threads share a stage in
 # No liberty is given to the compiler. Were it allowed to fuse multiplications and additions, it would do so in the part
 # of a row that it vectorises otherwise than in what is left over, and the bits of a node would hang on where its row
@@ -47,17 +47,20 @@ class Layout(NamedTuple):
 
 @_inlined
 def _smaller(a, b):
+    """Of two numbers that of smaller magnitude; b where they are equal."""
     return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
 
 
 @_inlined
 def _larger(a, b):
+    """The larger of two numbers."""
     return a if a > b else b
 
 
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
+    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i."""
     return c - left[0], right[0] - c
 
 
@@ -147,6 +150,7 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
+    """p-, p+ and the velocities of an axis at a node: differences times 1 / dx, unless velocities have it."""
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
     low, high, inverse = velocity
@@ -204,9 +208,10 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
 
 
 @kernel(**UNCOUNTED)
-def raise_to(out, wall):
+def raise_to(out, bound):
+    """out = max(out, bound), element by element."""
     for i in range(out.size):
-        out[i] = _larger(out[i], wall[i])
+        out[i] = _larger(out[i], bound[i])
 
 
 @kernel()
@@ -228,7 +233,7 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
-    """As `_advance_box`, for coupled velocities: loop by loop, as there are too many of them for the registers."""
+    """One stage for coupled velocities, loop by loop: there are too many of them for the registers."""
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
     p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
@@ -259,9 +264,9 @@ def _fill_ghosts(plane, layout, begin, end):
 
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
-def _share(phi, out, wall, velocities, scheme, layout, step, share):
-    """What one thread does of `stage`: (which share, of how many)."""
-    flat, ahead, least = phi.ravel(), out.ravel(), wall.ravel()
+def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
+    """One thread's share of `stage`: (number of the share, number of shares)."""
+    flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
         place = task // layout.chunks
@@ -281,6 +286,7 @@ def _share(phi, out, wall, velocities, scheme, layout, step, share):
 
 @_inlined
 def _of_input(velocities, j):
+    """The velocities of one input, in the form that it has."""
     if len(velocities) == 1:
         return (velocities[0][j],)
     if len(velocities) == 2:
@@ -289,12 +295,13 @@ def _of_input(velocities, j):
 
 
 @kernel(parallel=True, least=FEW)
-def stage(phi, out, wall, velocities, order, flux, layout, step):
-    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least `wall`.
+def stage(phi, out, obstacle, velocities, order, flux, layout, step):
+    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least
+    `obstacle`.
 
     phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
         in place, ghost nodes included.
-    wall : the obstacle of all of them, likewise, or (0,) for none.
+    obstacle : the obstacle function of all of them, likewise, or (0,) for none.
     velocities : as many as there are say what they are when this is compiled:
         (box,): the lower velocities of all axes and the upper ones, divided by dx;
         (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
@@ -308,4 +315,4 @@ def stage(phi, out, wall, velocities, order, flux, layout, step):
     blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _share(phi[j], out[j], wall, _of_input(velocities, j), (order, flux), layout, step, share)
+        _share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)

@@ -103,30 +103,30 @@ def row_of_box(box, cells):
 
 
 @kernel(**UNCOUNTED)
-def image_inside(cell, low, high, safe, cells, index, pool, room):
+def image_inside(cell, low, high, safe, cells, index, pool, scratch):
     """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
 
     safe (2, ndim): see `Moves`.
     """
-    return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, room), cells, index, pool, room)
+    return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, scratch), cells, index, pool, scratch)
 
 
 @kernel(**UNCOUNTED)
-def rows_inside(total, cells, index, pool, room):
+def rows_inside(total, cells, index, pool, scratch):
     """Whether all cells of a box with so many rows are in a set; room: as `box_of_image` leaves it, but for begins."""
     last = cells.counts.size - 1
-    whole, begin, end = cells.counts[last], room[0, last], room[0, last] + room[1, last]
+    whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
     word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
     asked = bits_between(word, begin, end)  # all of them where it is short, which most are  # obligation 3.2
     for _ in range(total):
-        block = pool[index[row_of_box(room, cells)]]
+        block = pool[index[row_of_box(scratch, cells)]]
         if short:
             if block[word] & asked != asked:
                 return False
         # obligation 3.3
         elif not has_bits(block, begin, min(end, whole)) or (end > whole and not has_bits(block, 0, end - whole)):
             return False
-        step_on(room[2], room[1], last)
+        step_on(scratch[2], scratch[1], last)
     return True
 
 
@@ -143,7 +143,7 @@ def runs_of_ones(block, begin, length):
 
 
 @kernel(**UNCOUNTED)
-def images_inside(word, cell, place, moves, cells, extended, room, found):
+def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     """Write which of the 64 cells of a word have their image in a set, of each move, found (L,) uint64; and return any.
 
     cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
@@ -152,24 +152,24 @@ def images_inside(word, cell, place, moves, cells, extended, room, found):
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
     for j in range(found.size):
-        total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, room)
+        total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         length = min(length, count)
         found[j] = ~np.uint64(0)
         for _ in range(total):
-            block = extended[row_of_box(room, cells)]
+            block = extended[row_of_box(scratch, cells)]
             for at in range(0, length, 64):
                 found[j] &= runs_of_ones(block, begin + at, min(length - at, 64))
             if found[j] == 0:
                 break
-            step_on(room[2], room[1], last)
+            step_on(scratch[2], scratch[1], last)
         some |= found[j]
     return some
 
 
 @kernel(parallel=True)
 def grow(near, inside, following, clear, moves, groups, cells, keep):
-    """Of the cells in some words, add those led into `following` by a move of each group; keep: only such stay in.
+    """Of the cells in some words, add those that a move of each group leads into `following`; keep: only such stay in.
 
     near (R, W) bool: the words; inside, following (R, W): the sets, `inside` modified in place. The moves are `groups`
     of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is
@@ -179,24 +179,24 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
     for i in prange(rows):
         row = np.int64(i)
         if near[row].any():
-            led = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
-            room = np.empty((4, ndim), np.int64), led
-            grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, room)
+            images_in = np.empty(moves.low.shape[0] if following.shape[1] > words else 0, np.uint64)
+            scratch = np.empty((4, ndim), np.int64), images_in
+            grow_row(row, (near[row], inside[row], index, following), clear, moves, groups, cells, keep, scratch)
 
 
 @kernel(**UNCOUNTED)
-def grow_row(row, sets, clear, moves, groups, cells, keep, room):
-    """What `grow` does of one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; room: scratch."""
-    (near, inside, index, pool), (scratch, led), begin, tried = sets, room, 0, 0
-    last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), scratch[3]
+def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
+    """`grow` for one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; scratch arrays."""
+    (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
+    last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
     for axis in range(cell.size):
         begin += cell[axis] * moves.strides[axis]
     for bit in range(last):
         if not near[bit >> 6]:
             continue
-        if bit & 63 == 0 and led.size > 0:
-            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, scratch, led)
+        if bit & 63 == 0 and images_in.size > 0:
+            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, indices, images_in)
         if has_bit(inside, bit) != keep:  # obligation 3.11
             continue
         cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
@@ -208,11 +208,11 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
                 at = group * each + j
                 if clear.size > 0 and not (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.7
                     continue
-                if led.size > 0:
-                    found = (led[at] >> np.uint64(bit & 63)) & BIT != 0
+                if images_in.size > 0:
+                    found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
                 else:
                     low, high = moves.low[at, place], moves.high[at, place]
-                    found = image_inside(cell, low, high, moves.safe, cells, index, pool, scratch)
+                    found = image_inside(cell, low, high, moves.safe, cells, index, pool, indices)
                 if found:
                     tried = j
                     break
@@ -223,21 +223,25 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, room):
 
 
 @kernel(**UNCOUNTED)
-def reached_words(rows, changed, reach, cells, out, room, hit):
+def reached_words(rows, changed, far, cells, out, scratch, hit):
     """Mark the words with cells whose images under some input may hold cells that changed.
 
     changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
     input leads from any place, first and last. out (R, W) bool: words are set to True. room (4, ndim - 1) int64 and hit
     (W,) bool: scratch.
     """
-    (cell, begin, number, at), last, words = (room[0], room[1], room[2], room[3]), cells.counts.size - 1, out.shape[1]
+    (cell, begin, number, at), last, words = (
+        (scratch[0], scratch[1], scratch[2], scratch[3]),
+        cells.counts.size - 1,
+        out.shape[1],
+    )
     for i in range(rows.size):
         cell_of(rows[i], cells.counts[:last], cell)
-        for j in range(reach.shape[0]):
+        for j in range(far.shape[0]):
             total = 1
             for axis in range(last):
                 count, periodic = cells.counts[axis], cells.periodic[axis]
-                begin[axis], end = led_from(cell[axis], cell[axis], reach[j, :, axis], count, periodic)
+                begin[axis], end = predecessors_along(cell[axis], cell[axis], far[j, :, axis], count, periodic)
                 number[axis], at[axis] = end - begin[axis] + 1, 0
                 begin[axis] %= count
                 total *= max(number[axis], 0)
@@ -245,7 +249,9 @@ def reached_words(rows, changed, reach, cells, out, room, hit):
             for word in range(words):
                 if changed[i, word] != 0:
                     count, bit = cells.counts[last], 64 * word
-                    first, end = led_from(bit, min(bit + 63, count - 1), reach[j, :, last], count, cells.periodic[last])
+                    first, end = predecessors_along(
+                        bit, min(bit + 63, count - 1), far[j, :, last], count, cells.periodic[last]
+                    )
                     end -= first // count * count
                     first %= count
                     hit[first >> 6 : (min(end, count - 1) >> 6) + 1] = True  # obligation 3.10
@@ -261,9 +267,9 @@ def reached_words(rows, changed, reach, cells, out, room, hit):
 
 
 @kernel(inline="always")
-def led_from(first, last, reach, count, periodic):
+def predecessors_along(first, last, far, count, periodic):
     """The first and the last cell of an axis from which an image may hold one of some cells."""
-    begin, end = first - reach[1], last - reach[0]  # obligation 3.8
+    begin, end = first - far[1], last - far[0]  # obligation 3.8
     if periodic:
         return begin, min(end, begin + count - 1)
     # the end cells are in every image that was clipped
@@ -299,7 +305,7 @@ SEGMENT = 16  # cells of a line that are looked up together first
 class Placed(NamedTuple):
     """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
 
-    Of `strike` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,);
+    Of `mark_collisions` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,);
     edges (ndim, most + 1); safe (2, ndim): what is past these has left by a safe end; infinite where there are none.
     """
 
@@ -332,7 +338,7 @@ def parts_inside(cell, tube, layout):
 
 
 @kernel(parallel=True)
-def strike(clear, tubes, places, lattice, bit, layout):
+def mark_collisions(clear, tubes, places, lattice, bit, layout):
     """Clear a bit of the cells from which a tube may meet an unsafe set.
 
     clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
@@ -343,17 +349,17 @@ def strike(clear, tubes, places, lattice, bit, layout):
     for chunk in prange(CHUNKS):
         cell, known, at = np.empty(layout.counts.size, np.int64), np.full(spans, -1), np.empty((2, d), np.int64)
         along, hulls = np.empty((spans, 2, length), np.int64), np.empty((spans, 2, length // SEGMENT + 1), np.int64)
-        room = cell, known, along, hulls, np.empty((2, 1 << d - 1), np.int64), at, np.empty((2, length), np.int64)
-        strike_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), room)
+        scratch = cell, known, along, hulls, np.empty((2, 1 << d - 1), np.int64), at, np.empty((2, length), np.int64)
+        mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, np.int64(chunk), scratch)
 
 
 @kernel(**UNCOUNTED)
-def strike_chunk(clear, tubes, places, lattice, bit, layout, chunk, room):
-    """What one thread does of `strike`, the chunk of so many of `CHUNKS`.
+def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
+    """`mark_collisions` for one of `CHUNKS` chunks of the cells.
 
     Span 0 is the whole interval, the others are its parts: only what is met in some of them is looked up in each.
     """
-    (cell, known, along, hulls, corner, at, (left, met)), lines, sums = room, layout.offset.size, lattice.sums
+    (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
     total = (places[1] - places[0]) * lines
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = i // lines
@@ -393,9 +399,9 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 
 @kernel(**UNCOUNTED)
-def boxes_of_a_line(begin, span, tube, lattice, layout, room):
+def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
     """Write `swept_boxes` along a line, as steps in the sums: along (2, length) of its cells, hulls (2, segments)."""
-    (along, hulls), step = room, 1
+    (along, hulls), step = scratch, 1
     for k in range(lattice.axes.size - 1, -1, -1):
         if lattice.axes[k] == layout.axis:
             hulls[0], hulls[1] = step * lattice.sizes[k], 0
@@ -408,12 +414,12 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, room):
 
 
 @kernel(**UNCOUNTED)
-def corners_of_a_line(cell, span, tube, lattice, layout, room):
+def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
     """Write where, on all axes but a line's, the corners of `swept_boxes` are in the sums, and which are subtracted.
 
     corner (2, 2^(d - 1)): places, and 1 or -1; at (2, d): scratch.
     """
-    (corner, at), d = room, lattice.axes.size
+    (corner, at), d = scratch, lattice.axes.size
     for k in range(d):
         if lattice.axes[k] != layout.axis:
             at[0, k], at[1, k] = swept_boxes(cell[lattice.axes[k]], span, tube, k, lattice, layout.edges)
@@ -449,18 +455,18 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
 
 @kernel(parallel=True)
-def strike_ends(clear, tubes, places, faces, bit, layout):
-    """As `strike`, of the unsafe ends: faces (2, ndim), infinite where there is none. Lines may be along any axis."""
+def mark_exits(clear, tubes, places, faces, bit, layout):
+    """Clear a bit of the cells from which a tube may leave by an unsafe end: faces (2, ndim), else infinite."""
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
-        room = np.empty(ndim, np.int64), np.empty((2, ndim))
-        strike_ends_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), room)
+        scratch = np.empty(ndim, np.int64), np.empty((2, ndim))
+        mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, np.int64(chunk), scratch)
 
 
 @kernel(**UNCOUNTED)
-def strike_ends_chunk(clear, tubes, places, faces, bit, layout, chunk, room):
-    """What one thread does of `strike_ends`; how far (2, ndim) the ends of a cell get is kept while that is so."""
-    (cell, far), lines, along = room, layout.offset.size, layout.axis
+def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
+    """`mark_exits` for one of `CHUNKS` chunks; `far` (2, ndim) holds how far a cell's ends get."""
+    (cell, far), lines, along = scratch, layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
         place = places[0] + i // lines
@@ -501,7 +507,7 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
     clear (cells, bytes); sets (n, R): the rows of those with 0, 1, ... steps to go, all later ones the last one; where
     there are none, inputs that are safe. out (M, L) bool: the inputs that are asked about; in place.
     """
-    room = np.empty((3, some.shape[1]), np.int64)
+    scratch = np.empty((3, some.shape[1]), np.int64)
     for m in range(some.shape[0]):
         cell, following, place = some[m], max(min(ahead[m], len(sets)) - 1, 0), 0
         row, bit = row_and_bit(cell, cells)
@@ -513,18 +519,18 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
                 out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
             if out[m, j] and len(sets) > 0:  # obligation 3.12
                 out[m, j] = image_inside(
-                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, room
+                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, scratch
                 )
 
 
 @kernel(nogil=True)
 def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
-    """As `certified_inputs`, of inputs that are safe and of cells in lines along an axis but the last.
+    """Which inputs, known to be safe, are certified, for cells in lines along an axis but the last.
 
     No place depends on that axis, and it has no safe ends. So from cell to cell of a line an image goes on along it,
     and only what of it is new is looked at. out (M, L) bool: the inputs that are asked about; in place.
     """
-    ndim, begin, room = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
+    ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
     while begin < some.shape[0]:
         end, place = begin + 1, 0
@@ -535,15 +541,15 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
         for j in range(out.shape[1]):  # obligation 3.15
             if out[begin:end, j].any():
                 low, high = moves.low[j, place], moves.high[j, place]
-                total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, room)
+                total = box_of_image(some[begin], low, high, moves.safe, cells, ndim, scratch)
                 if total == 0:  # past a safe end nothing is asked
                     continue
-                total //= room[1, along]
-                rows, room[0, along], room[1, along] = np.empty(total, np.int64), 0, 1
+                total //= scratch[1, along]
+                rows, scratch[0, along], scratch[1, along] = np.empty(total, np.int64), 0, 1
                 for r in range(total):
-                    rows[r] = row_of_box(room, cells)
-                    step_on(room[2], room[1], ndim - 1)
-                line, shape = slice(begin, end), (rows, room[0, -1], room[0, -1] + room[1, -1])
+                    rows[r] = row_of_box(scratch, cells)
+                    step_on(scratch[2], scratch[1], ndim - 1)
+                line, shape = slice(begin, end), (rows, scratch[0, -1], scratch[0, -1] + scratch[1, -1])
                 seen[:, 1] = -2
                 asked = some[line, along], ahead[line], low[along], high[along]
                 slid_inside(asked, along, shape, cells, sets, pool, seen, out[line, j])

@@ -84,8 +84,9 @@ def slots_of(ints, first):
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
-def _arithmetic(op, room, i, j, k, count):
-    a, b, out = room[i], room[j], room[k]
+def _arithmetic(op, scratch, i, j, k, count):
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for sums, products, extremes and the like."""
+    a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
         for m in range(count):
             out[m] = a[m] + b[m]
@@ -119,8 +120,9 @@ def _arithmetic(op, room, i, j, k, count):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _elementary(op, room, i, j, k, count):
-    a, b, out = room[i], room[j], room[k]
+def _elementary(op, scratch, i, j, k, count):
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for elementary functions."""
+    a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
         for m in range(count):
             out[m] = elementary.pow(a[m], b[m])
@@ -160,9 +162,9 @@ def _elementary(op, room, i, j, k, count):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _power(room, i, n, k, count):
+def _power(scratch, i, n, k, count):
     """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
-    (a, out), digits = (room[i], room[k]), 0
+    (a, out), digits = (scratch[i], scratch[k]), 0
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
     while abs(n) >> digits:
@@ -180,8 +182,9 @@ def _power(room, i, n, k, count):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _truths(op, room, i, j, k, last, count):
-    a, b, c, out = room[i], room[j], room[last], room[k]
+def _truths(op, scratch, i, j, k, last, count):
+    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points: comparisons, signs and choices."""
+    a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
         for m in range(count):
             out[m] = 1.0 if a[m] > 0.0 else (-1.0 if a[m] < 0.0 else abs(0.0 * a[m]))
@@ -206,16 +209,16 @@ def _truths(op, room, i, j, k, last, count):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _values(op, room, i, j, k, n, last, count):
-    """Row k of `room` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
+def _values(op, scratch, i, j, k, n, last, count):
+    """Row k of `scratch` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
     if op < POWER:
-        _arithmetic(op, room, i, j, k, count)
+        _arithmetic(op, scratch, i, j, k, count)
     elif op == POWER:
-        _power(room, i, n, k, count)
+        _power(scratch, i, n, k, count)
     elif op < SIGN:
-        _elementary(op, room, i, j, k, count)
+        _elementary(op, scratch, i, j, k, count)
     else:
-        _truths(op, room, i, j, k, last, count)
+        _truths(op, scratch, i, j, k, last, count)
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
@@ -239,12 +242,13 @@ def _interpolated(tables, first, lookup, position, corner):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def _gridded(lookup, places, tables, room, place, out, count, spots):
-    position, corner = spots
+def _gridded(lookup, places, tables, scratch, place, out, count, corners):
+    """Multilinear interpolation of a table at `count` points whose coordinates are rows of scratch."""
+    position, corner = corners
     for m in range(count):
         fine = True
         for axis in range(lookup[0]):
-            x = (room[place[lookup[1 + axis]], m] - places[axis]) / places[6 + axis]
+            x = (scratch[place[lookup[1 + axis]], m] - places[axis]) / places[6 + axis]
             position[axis] = min(max(x, 0.0), lookup[7 + axis] - 1.0)
             fine &= x == x
         out[m] = _interpolated(tables, lookup[13], lookup, position, corner)[0] if fine else NAN
@@ -257,12 +261,12 @@ def work_for(slots, points):
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
-def play_in_room(tape, points, parameters, out, start, stop, work):
+def play_with_scratch(tape, points, parameters, out, start, stop, work):
     """`play_part` of (ints, floats, first) where there is room already (`work_for`): compiled code may call it.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
-    (ints, floats, first), (room, place, spots) = tape, work
+    (ints, floats, first), (scratch, place, corners) = tape, work
     spare, total = slots_of(ints, np.int64(first)), 0.0
     for slot in range(spare):
         place[slot] = slot
@@ -275,21 +279,21 @@ def play_in_room(tape, points, parameters, out, start, stop, work):
             op, slot, a = code[5 * k], code[5 * k + 1], code[5 * k + 2]
             if op == X:
                 for m in range(count):
-                    room[spare, m] = points[at + m, a]
+                    scratch[spare, m] = points[at + m, a]
             elif op == P or op == CONST:
                 number = parameters[a] if op == P else value[k]
                 for m in range(count):
-                    room[spare, m] = number
+                    scratch[spare, m] = number
             elif op == GRIDDED:
                 lookup, there = lookups[14 * a : 14 * a + 14], places[12 * a : 12 * a + 12]
-                _gridded(lookup, there, tables, room, place, room[spare], count, spots)
+                _gridded(lookup, there, tables, scratch, place, scratch[spare], count, corners)
             else:
                 i, last = place[a], place[code[5 * k + 4]] if op == WHERE else 0
-                _values(op, room, i, place[code[5 * k + 3]], spare, int(value[k]), last, count)
+                _values(op, scratch, i, place[code[5 * k + 3]], spare, int(value[k]), last, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             for m in range(count):
-                result = room[place[outputs[i]], m]
+                result = scratch[place[outputs[i]], m]
                 out[i, at + m] = result
                 total += 0.0 * result
     return total
@@ -302,7 +306,7 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
     first : the place of the tape's code among the packed arrays.
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
-    return play_in_room((ints, floats, first), points, parameters, out, start, stop, work)
+    return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
@@ -323,39 +327,40 @@ def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
 
 
 @kernel(nogil=True, error_model="numpy")
-def _magnitudes(room, i, k, count):
-    a, out = room[2 * i : 2 * i + 2], room[2 * k : 2 * k + 2]
+def _magnitudes(scratch, i, k, count):
+    """The interval of |a| at `count` points, from that of a."""
+    a, out = scratch[2 * i : 2 * i + 2], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
 
 
 @kernel(nogil=True, error_model="numpy")
-def _at_ends(op, fact, room, i, j, k, n, count):
-    """Row 2 k of `room`, and the next: the values at those ends of the operands where they are extreme.
+def _at_ends(op, fact, scratch, i, j, k, n, count):
+    """Row 2 k of `scratch`, and the next: the values at those ends of the operands where they are extreme.
 
     The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
     """
-    work = room.shape[0] // 2 - 2
+    work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
-        _magnitudes(room, i, work, count)
-        _magnitudes(room, j, work + 1, count)
+        _magnitudes(scratch, i, work, count)
+        _magnitudes(scratch, j, work + 1, count)
         i, j = work, work + 1
     falls = 1 if op == POWER and n < 0 else int(fact[FALLS])  # obligation 7.15
     twice = op == POW or op == ARCTAN2  # they rise with an operand, or fall, as the other one is  # obligation 7.19
     for end in range(4 if twice else 2):
         first, second = (falls ^ end, end) if end < 2 else (end - 2, 3 - end)
         row = 2 * k + end if end < 2 else 2 * work + end - 2
-        _values(op, room, 2 * i + first, 2 * j + second, row, n, row, count)
+        _values(op, scratch, 2 * i + first, 2 * j + second, row, n, row, count)
     if twice:
-        out, other = room[2 * k : 2 * k + 2], room[2 * work : 2 * work + 2]
+        out, other = scratch[2 * k : 2 * k + 2], scratch[2 * work : 2 * work + 2]
         for m in range(count):
             out[0, m], out[1, m] = intervals.hull(out[0, m], out[1, m], other[0, m], other[1, m])
 
 
 @kernel(nogil=True, error_model="numpy")
-def _outward(op, fact, room, i, j, k, n, count):
+def _outward(op, fact, scratch, i, j, k, n, count):
     """Intervals from the values at the ends, which are overwritten: outward rounding, and what is between the ends."""
-    a, b, out = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2], room[2 * k : 2 * k + 2]
+    a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
             shift = 0.25 if op == SIN else 0.0  # obligation 7.11
@@ -385,10 +390,10 @@ def _outward(op, fact, room, i, j, k, n, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _direct_bounds(op, room, i, j, k, last, count):
+def _direct_bounds(op, scratch, i, j, k, last, count):
     """Intervals of the operations that do not need `_at_ends`; rows as there."""
-    a, b = room[2 * i : 2 * i + 2], room[2 * j : 2 * j + 2]
-    c, out = room[2 * last : 2 * last + 2], room[2 * k : 2 * k + 2]
+    a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
+    c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
     if op == ADD:
         for m in range(count):
             out[0, m], out[1, m] = intervals.summed(a[0, m], b[0, m], a[1, m], b[1, m])
@@ -421,7 +426,7 @@ def _direct_bounds(op, room, i, j, k, last, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _gridded_bounds(lookup, places, tables, room, place, out, count):
+def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
     """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis."""
     position, corner = np.empty(6), np.empty(64)
     ends, number = np.empty((2, 6)), np.empty(6, np.int64)
@@ -430,7 +435,7 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
         for axis in range(lookup[0]):
             row, last = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1.0
             lower, spacing = places[axis], places[6 + axis]
-            low, high = (room[row, m] - lower) / spacing, (room[row + 1, m] - lower) / spacing
+            low, high = (scratch[row, m] - lower) / spacing, (scratch[row + 1, m] - lower) / spacing
             low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
             ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
@@ -451,9 +456,9 @@ def _gridded_bounds(lookup, places, tables, room, place, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _or_nothing(room, i, j, k, count):
+def _or_nothing(scratch, i, j, k, count):
     """Both ends of a result NaN where one is not finite or an operand is NaN; rows as in `_at_ends`."""
-    a, b, out = room[2 * i], room[2 * j], room[2 * k : 2 * k + 2]
+    a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])  # obligation 7.28
         out[0, m], out[1, m] = out[0, m] if fine else NAN, out[1, m] if fine else NAN
@@ -467,12 +472,12 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
     value, tables, width = part(ints, floats, VALUE), part(ints, floats, TABLES), min(BLOCK, stop - start)
     places = places.reshape(-1, 12)
-    room, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
+    scratch, place, spare, i, j = np.empty((2 * slots + 6, width)), np.arange(slots), slots, 0, 0
     for at in range(start, stop, BLOCK):
         count = min(BLOCK, stop - at)
         for k in range(code.shape[0]):
             op, slot, first = code[k, 0], code[k, 1], code[k, 2]
-            result = room[2 * spare : 2 * spare + 2]
+            result = scratch[2 * spare : 2 * spare + 2]
             if op == X:
                 for m in range(count):
                     result[0, m], result[1, m] = low[at + m, first], high[at + m, first]
@@ -482,23 +487,23 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
                 for m in range(count):
                     result[0, m], result[1, m] = least, most
             elif op == GRIDDED:
-                _gridded_bounds(lookups[first], places[first], tables, room, place, result, count)
+                _gridded_bounds(lookups[first], places[first], tables, scratch, place, result, count)
             else:
                 i, last = place[first], place[code[k, 4]] if op == WHERE else 0
                 j, fact = place[code[k, 3]], facts[op]
                 if fact[DIRECT] != 0.0:
-                    _direct_bounds(op, room, i, j, spare, last, count)
+                    _direct_bounds(op, scratch, i, j, spare, last, count)
                 else:
-                    _at_ends(op, fact, room, i, j, spare, int(value[k]), count)
-                    _outward(op, fact, room, i, j, spare, int(value[k]), count)
+                    _at_ends(op, fact, scratch, i, j, spare, int(value[k]), count)
+                    _outward(op, fact, scratch, i, j, spare, int(value[k]), count)
             if op < ADD or op == WHERE:
                 i, j = spare, spare
-            _or_nothing(room, i, j, spare, count)
+            _or_nothing(scratch, i, j, spare, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             row = 2 * place[outputs[i]]
             for m in range(count):
-                out[0, i, at + m], out[1, i, at + m] = room[row, m], room[row + 1, m]
+                out[0, i, at + m], out[1, i, at + m] = scratch[row, m], scratch[row + 1, m]
 
 
 def play_bounds(

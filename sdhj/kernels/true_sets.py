@@ -9,28 +9,30 @@ import numpy as np
 
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import turned
-from sdhj.kernels.tape import RESULTS, length, part, play_in_room
-from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNSAFE, LOOK_TIMES, PATH, is_held, unpacked_lattice
+from sdhj.kernels.tape import RESULTS, length, part, play_with_scratch
+from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNSAFE, CHECK_TIMES, PATH, is_held, unpacked_lattice
 
-LOOKED = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
+CHECKED_INSTANTS = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
-TUBES, LOOK, ONLY_LOOK = range(3)  # what `decide` does: by the tubes, by the true sets too, or by those alone
+# what `decide` does: by the tubes, by the true sets too, or by those alone
+TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 
 @kernel(nogil=True)
-def spots_for(states, inputs, count, ndim, sets):
+def samples_for(states, inputs, count, ndim, sets):
     """Room for the look at the true sets: for R states `count` points of each that waits, one behind the other.
 
-    slots (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
-    the interval. known, hazard (R, L): what is known of the inputs. points (R count, ndim + 1), the time last; past
+    queue (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
+    the interval. verdicts, hazard (R, L): `UNKNOWN`, `PASSES` or `FAILS`, and avoid tube, of the inputs. points (R
+    count, ndim + 1), the time last; past
     (R count,): 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one; level
     (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
     """
-    slots, known, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
+    queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
     for i in range(size):
         there[0, i] = 0.0
-    return slots, known, np.empty((states, inputs)), points, past, np.empty((sets, size)), there
+    return queue, verdicts, np.empty((states, inputs)), points, past, np.empty((sets, size)), there
 
 
 @kernel(**UNCOUNTED)
@@ -47,14 +49,19 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 
 @kernel(**UNCOUNTED)
-def place_points(at, state, j, box, lattice, look, spots):
+def place_points(at, state, j, box, lattice, look, samples):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
-    (ends, column), (times, faces), (points, past) = box, look, spots
-    ndim, last, gone = state.size, LOOKED if times.size > 1 else 0, False
+    (ends, column), (times, faces), (points, past) = box, look, samples
+    ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     sums = ends.shape[0] > PATH
     boxed = sums and is_held(state, ends, column, j, faces[4 * ndim :])
     for i in range(times.size):  # the state, the path, the corners
-        spot, share, out, lost = at + (last if i == 0 else i - 1 if i <= last else i), i / LOOKED, False, False
+        sample, share, out, lost = (
+            at + (last if i == 0 else i - 1 if i <= last else i),
+            i / CHECKED_INSTANTS,
+            False,
+            False,
+        )
         for axis in range(ndim):
             x = state[axis]
             if i > last:
@@ -65,14 +72,14 @@ def place_points(at, state, j, box, lattice, look, spots):
                 x += share * ends[2, j, axis, column]
                 x += share * share * ends[3, j, axis, column]
                 lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
-            out |= (x < lattice.left[axis]) | (x > lattice.left[ndim + axis])
+            out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
             x = min(max(x, faces[axis]), faces[ndim + axis])
             if lattice.periodic[axis]:
                 x = turned(x, faces[2 * ndim + axis], faces[3 * ndim + axis])
-            points[spot, axis] = x
+            points[sample, axis] = x
         gone |= out & (i <= last)
-        past[spot] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
-        points[spot, ndim] = times[spot - at]
+        past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
+        points[sample, ndim] = times[sample - at]
 
 
 @kernel(**UNCOUNTED)
@@ -98,84 +105,88 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 
 @kernel(nogil=True, **UNCOUNTED)
-def propose(waiting, within, states, rows, packs, ahead, out, spots):
+def propose(waiting, within, states, rows, packs, ahead, out, samples):
     """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
     no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores) of `decide`, as the other arguments but
-    spots, which is what `spots_for` returns. Returns how many still wait.
+    samples, which is what `samples_for` returns. Returns how many still wait.
     """
-    (to_go, safe, _, best, depths), (slots, known, hazard, points, past, _, _) = out, spots
+    (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores) = packs, ahead
-    lattice, times, faces = unpacked_lattice(ints, floats), part(ints, floats, LOOK_TIMES), part(ints, floats, AT_FACES)
+    lattice, times, faces = (
+        unpacked_lattice(ints, floats),
+        part(ints, floats, CHECK_TIMES),
+        part(ints, floats, AT_FACES),
+    )
     some = 0
     if waiting < 0:
         for r in range(rows.size):
             if to_go[rows[r]] >= 0:
-                slots[0, some], slots[1, r], slots[2, r] = r, best[rows[r]], max(to_go[rows[r]], within) - 1
-                known[r], hazard[r] = UNKNOWN if times.size else PASSES, np.inf
+                queue[0, some], queue[1, r], queue[2, r] = r, best[rows[r]], max(to_go[rows[r]], within) - 1
+                verdicts[r], hazard[r] = UNKNOWN if times.size else PASSES, np.inf
                 some += 1
         waiting, some = some, 0
     for k in range(waiting):
-        r, m = slots[0, k], rows[slots[0, k]]
-        j = next_input(known[r], safe[m], scores[m], depths[m], hazard[r], slots[1, r])
-        best[m], slots[1, r] = j, j if slots[1, r] < 0 else slots[1, r]
-        if known[r, j] == UNKNOWN:
+        r, m = queue[0, k], rows[queue[0, k]]
+        j = next_input(verdicts[r], safe[m], scores[m], depths[m], hazard[r], queue[1, r])
+        best[m], queue[1, r] = j, j if queue[1, r] < 0 else queue[1, r]
+        if verdicts[r, j] == UNKNOWN:
             box = ends, r if ends.shape[3] > 1 else 0
             place_points(some * times.size, states[m], j, box, lattice, (times, faces), (points, past))
-            slots[0, some] = r
+            queue[0, some] = r
             some += 1
     return some
 
 
 @kernel(nogil=True, **UNCOUNTED)
-def judge(waiting, rows, looks, count, out, spots):
-    """Undo what the values in `spots`, at `count` points each, refute; returns how many wait for another input.
+def judge(waiting, rows, checks, count, out, samples):
+    """Undo what the values in `samples`, at `count` points each, refute; returns how many wait for another input.
 
-    What is in an unsafe set is not admissible, with `ONLY_LOOK` just its steps to go say so; what is in no target has
-    one step to go, or none any longer. An input that fails is not safe.
+    What is in an unsafe set is not admissible, with `TRUE_SETS_ONLY` just its steps to go say so; what is in no target
+    has one step to go, or none any longer. An input that fails is not safe.
     """
-    (to_go, safe, margins, best, depths), (slots, known, _, _, past, level, there) = out, spots
-    last, some = LOOKED if count > 1 else 0, 0
+    (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
+    last, some = CHECKED_INSTANTS if count > 1 else 0, 0
     for k in range(waiting):
-        r, m = slots[0, k], rows[slots[0, k]]
+        r, m = queue[0, k], rows[queue[0, k]]
         at, j, lost, passes = k * count + last, best[m], False, True
         for v in range(k * count, (k + 1) * count):
             fine = past[v] >= 0
             for p in range(level.shape[0]):
                 fine &= level[p, v] > 0.0
-            if v > at and slots[2, r] == 0:
+            if v > at and queue[2, r] == 0:
                 fine &= there[0, v] <= 0.0
             fine |= past[v] > 0
             lost, passes = lost | ((v == at) & (not fine)), passes & (fine | (v == at))
         if to_go[m] == 0 and there[0, at] > 0.0:
             to_go[m], lost = 1, lost | (count == 1)
-        known[r, j] = PASSES if passes else FAILS
+        verdicts[r, j] = PASSES if passes else FAILS
         if lost:
             to_go[m] = -1
-        if lost and looks != ONLY_LOOK:
+        if lost and checks != TRUE_SETS_ONLY:
             safe[m], margins[m], best[m], depths[m] = False, np.inf, -1, np.inf
         elif not passes:
             safe[m, j] = False
-            slots[0, some] = r
+            queue[0, some] = r
             some += 1
     return some
 
 
 @kernel(**UNCOUNTED)
-def evaluate(waiting, rows, packs, times, to_go, spots, work):
+def evaluate(waiting, rows, packs, times, to_go, samples, work):
     """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
 
     The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
-    (ints, floats), (slots, _, _, points, _, level, there) = packs, spots
-    count, last = times.size, LOOKED if times.size > 1 else 0
+    (ints, floats), (queue, _, _, points, _, level, there) = packs, samples
+    count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
     unsafe, target = (ints, floats, np.int64(AT_UNSAFE)), (ints, floats, np.int64(AT_TARGET))
-    if play_in_room(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
+    if play_with_scratch(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
         return False
     for k in range(waiting if length(ints, np.int64(AT_TARGET + RESULTS)) > 0 else 0):
-        start = k * count + last + (to_go[rows[slots[0, k]]] != 0)
-        stop = (k + 1) * count if slots[2, slots[0, k]] == 0 else k * count + last + 1
-        if start < stop and play_in_room(target, points, times, there, start, stop, work) != 0.0:
+        start = k * count + last + (to_go[rows[queue[0, k]]] != 0)
+        stop = (k + 1) * count if queue[2, queue[0, k]] == 0 else k * count + last + 1
+        if start < stop and play_with_scratch(target, points, times, there, start, stop, work) != 0.0:
             return False
     return True

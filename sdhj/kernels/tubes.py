@@ -23,18 +23,18 @@ CENTRE = 0.25  # of the depth of an input for ever: the share that the game's va
 # between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval
 # begins; and three tapes: what inputs lead to, the unsafe sets and the target, of points with the time as one more
 # coordinate.
-AT_STATIC, AT_MOVING, AT_ORDER, LOOK_TIMES, AT_FACES, AT_BEGIN, AT_AHEAD = range(
+AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_AHEAD = range(
     len(Lattice._fields), len(Lattice._fields) + 7
 )
 AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1
 
 
-class Shelf(NamedTuple):
+class StoredTubes(NamedTuple):
     """A look-up table as compiled code reads it, every function on a grid flat.
 
     steps; game, the place in tubes of the values by which inputs are selected, -1 where those of the next tube are;
-    index (entries,), the place of each (start, within) in tubes (T, size) and masks (T, bytes, size); static (L, size
+    index (entries,), the place of each (start, within) in tubes (T, size) and marks (T, bytes, size); static (L, size
     of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
     """
 
@@ -42,14 +42,14 @@ class Shelf(NamedTuple):
     game: int
     index: Any
     tubes: Any
-    masks: Any
+    marks: Any
     static: Any
     static_axes: Any
     moving: Any
     moving_axes: Any
 
 
-class Room(NamedTuple):
+class LookupScratch(NamedTuple):
     """Room to work in.
 
     hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
@@ -65,27 +65,27 @@ class Room(NamedTuple):
     axes: Any
     index: Any
     weight: Any
-    marks: Any
+    marked: Any
     begin: Any
     rest: Any
     offsets: Any
     values: Any
     centre: Any
-    looks: Any
+    checks: Any
     moved: Any
     worst: Any
     held: Any
 
 
 @kernel(**UNCOUNTED)
-def _fewest_steps(shelf, first, most, index, weight, count):
+def _fewest_steps(stored_tubes, first, most, index, weight, count):
     """Fewest n in 0..most whose interpolated tube, entry first + n, is <= 0, or -1. Tubes grow with n: bisection."""
-    if not (weighted(shelf.tubes, shelf.index[first + most], index, weight, count) <= 0.0):
+    if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
     low, high = 0, most
     while low < high:
         middle = (low + high) // 2
-        if weighted(shelf.tubes, shelf.index[first + middle], index, weight, count) <= 0.0:
+        if weighted(stored_tubes.tubes, stored_tubes.index[first + middle], index, weight, count) <= 0.0:
             high = middle
         else:
             low = middle + 1
@@ -93,35 +93,35 @@ def _fewest_steps(shelf, first, most, index, weight, count):
 
 
 @kernel(**UNCOUNTED)
-def _mark(masks, place, index, count, marks):
+def _mark(marks, place, index, count, marked):
     """marks[j] = whether every node around a state marks u_j."""
-    for byte in range(masks.shape[1]):
+    for byte in range(marks.shape[1]):
         bits = np.uint8(255)
         for c in range(count):
-            bits &= masks[place, byte, index[c]]
-        for j in range(8 * byte, min(8 * byte + 8, marks.size)):
-            marks[j] = (bits >> np.uint8(j - 8 * byte)) & 1
+            bits &= marks[place, byte, index[c]]
+        for j in range(8 * byte, min(8 * byte + 8, marked.size)):
+            marked[j] = (bits >> np.uint8(j - 8 * byte)) & 1
 
 
 @kernel(**UNCOUNTED)
-def _gather(values, state, column, order, lattice, room):
+def _gather(values, state, column, order, lattice, scratch):
     """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
-    offsets, rest = room.offsets, room.rest
+    offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
     for a in range(state.size - 1, -1, -1):
         axis = order[a]
         nodes, stride, size = lattice.shape[axis], 1, rest[a + 1]
         for later in range(axis + 1, state.size):
             stride *= lattice.extent[later]
-        begin, _ = locate(state[axis] + room.hull[column, 0, axis], axis, lattice)
-        end, _ = locate(state[axis] + room.hull[column, 1, axis], axis, lattice)
-        room.begin[a], rest[a] = begin, (end + 2 - begin) * size
+        begin, _ = locate(state[axis] + scratch.hull[column, 0, axis], axis, lattice)
+        end, _ = locate(state[axis] + scratch.hull[column, 1, axis], axis, lattice)
+        scratch.begin[a], rest[a] = begin, (end + 2 - begin) * size
         for i in range(end + 1 - begin, -1, -1):  # the first copy last: all others read it
             shift = among(begin + i - lattice.first[axis], nodes) * stride
             for c in range(size if a > 0 else 0):
                 offsets[i * size + c] = offsets[c] + shift
             for c in range(size if a == 0 else 0):
-                room.values[rest[0] + i * size + c] = values[offsets[c] + shift]
+                scratch.values[rest[0] + i * size + c] = values[offsets[c] + shift]
 
 
 @kernel(**UNCOUNTED)
@@ -166,68 +166,71 @@ def is_held(state, ends, column, j, held):
 
 
 @kernel(**UNCOUNTED)
-def _looks_at(state, ends, column, lattice, room):
+def _looks_at(state, ends, column, lattice, scratch):
     """Write how many points of each segment are looked at, 0 where its box is; returns the most of their sums."""
-    most, looks = 1, room.looks
+    most, checks = 1, scratch.checks
     for j in range(ends.shape[1]):
         points = 1
-        for k in range(looks.shape[1]):
+        for k in range(checks.shape[1]):
             cells = 0.0
             for axis in range(state.size):
                 cells = max(cells, abs(ends[PATH + k, j, axis, column]) / lattice.spacing[axis])
-            looks[j, k] = 1 + int(np.ceil(min(A_CELL * cells, MOST_POINTS)))
-            points = min(points * looks[j, k], MOST_POINTS + 1)
-        if points > MOST_POINTS or is_held(state, ends, column, j, room.held):
-            looks[j], points = 0, 1
+            checks[j, k] = 1 + int(np.ceil(min(A_CELL * cells, MOST_POINTS)))
+            points = min(points * checks[j, k], MOST_POINTS + 1)
+        if points > MOST_POINTS or is_held(state, ends, column, j, scratch.held):
+            checks[j], points = 0, 1
         most = max(most, points)
     return most
 
 
 @kernel(**UNCOUNTED)
-def _move(point, ends, column, room):
+def _move(point, ends, column, scratch):
     """Write the boxes of all inputs around a point of the sum of their segments, by its number."""
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
-            room.moved[0, j, axis, 0], room.moved[1, j, axis, 0] = ends[0, j, axis, column], ends[1, j, axis, column]
+            scratch.moved[0, j, axis, 0], scratch.moved[1, j, axis, 0] = (
+                ends[0, j, axis, column],
+                ends[1, j, axis, column],
+            )
         left = point
-        for k in range(room.looks.shape[1]):
-            looks, share, wider = room.looks[j, k], 0.0, 1.0
-            if looks > 0:
-                share, wider = 2.0 * (left % looks) / max(looks - 1, 1) - (looks > 1), 0.0
-                left //= looks
+        for k in range(scratch.checks.shape[1]):
+            checks, share, wider = scratch.checks[j, k], 0.0, 1.0
+            if checks > 0:
+                share, wider = 2.0 * (left % checks) / max(checks - 1, 1) - (checks > 1), 0.0
+                left //= checks
             for axis in range(ends.shape[2]):
                 half = ends[PATH + k, j, axis, column]
-                room.moved[0, j, axis, 0] += share * half - wider * abs(half)
-                room.moved[1, j, axis, 0] += share * half + wider * abs(half)
+                scratch.moved[0, j, axis, 0] += share * half - wider * abs(half)
+                scratch.moved[1, j, axis, 0] += share * half + wider * abs(half)
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, ends, column, order, lattice, room, out):
+def _worst_values(values, state, ends, column, order, lattice, scratch, out):
     """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
     no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
     """
-    _gather(values, state, column, order, lattice, room)
+    _gather(values, state, column, order, lattice, scratch)
     if ends.shape[0] == PATH:
-        _worst_in_boxes(state, ends, column, order, lattice, room, out)
+        _worst_in_boxes(state, ends, column, order, lattice, scratch, out)
         return
     out[:] = -np.inf
-    for point in range(_looks_at(state, ends, column, lattice, room)):
-        _move(point, ends, column, room)
-        _worst_in_boxes(state, room.moved, 0, order, lattice, room, room.worst)
+    for point in range(_looks_at(state, ends, column, lattice, scratch)):
+        _move(point, ends, column, scratch)
+        _worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, scratch.worst)
         for j in range(out.size):
-            out[j] = max(out[j], room.worst[j])
+            out[j] = max(out[j], scratch.worst[j])
 
 
 @kernel(**UNCOUNTED)
-def _worst_in_boxes(state, ends, column, order, lattice, room, out):
+def _worst_in_boxes(state, ends, column, order, lattice, scratch, out):
     """out[j] = maximum of the interpolated values that were gathered over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
     """
-    low, high, rest = ends[0, :, :, column], ends[1, :, :, column], room.rest
+    low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
         same, lost, left = j > 0, False, False  # as for the input before
         for a in range(order.size):
@@ -235,91 +238,93 @@ def _worst_in_boxes(state, ends, column, order, lattice, room, out):
             same = same and low[j, axis] == low[j - 1, axis] and high[j, axis] == high[j - 1, axis]
             lost = lost or state[axis] + low[j, axis] < lattice.least[axis]
             lost = lost or state[axis] + high[j, axis] > lattice.most[axis]
-            left = left or state[axis] + high[j, axis] < lattice.left[axis]
-            left = left or state[axis] + low[j, axis] > lattice.left[order.size + axis]
+            left = left or state[axis] + high[j, axis] < lattice.safe_ends[axis]
+            left = left or state[axis] + low[j, axis] > lattice.safe_ends[order.size + axis]
             if not same:
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
-                source = rest[a] + (first - room.begin[a]) * rest[a + 1]
-                _reduce(room.values, source, last - first + 2, rest[a + 1], near, far)
-        out[j] = np.inf if lost else -np.inf if left else room.values[1]
+                source = rest[a] + (first - scratch.begin[a]) * rest[a + 1]
+                _reduce(scratch.values, source, last - first + 2, rest[a + 1], near, far)
+        out[j] = np.inf if lost else -np.inf if left else scratch.values[1]
 
 
 @kernel(**UNCOUNTED)
-def _depths(shelf, state, ends, column, order, lattice, room, out):
+def _depths(stored_tubes, state, ends, column, order, lattice, scratch, out):
     """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
     """
-    _worst_values(shelf.tubes[shelf.game], state, ends, column, order, lattice, room, out)
-    centre, index, weight = room.centre, room.index[1], room.weight[1]
+    _worst_values(stored_tubes.tubes[stored_tubes.game], state, ends, column, order, lattice, scratch, out)
+    centre, index, weight = scratch.centre, scratch.index[1], scratch.weight[1]
     for j in range(out.size):
         for axis in range(state.size):
             centre[axis] = state[axis] + 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
-        count = corners(centre, room.axes, lattice, TINY, index, weight)
-        out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(shelf.tubes, shelf.game, index, weight, count)
+        count = corners(centre, scratch.axes, lattice, TINY, index, weight)
+        out[j] = (1.0 - CENTRE) * out[j] + CENTRE * weighted(
+            stored_tubes.tubes, stored_tubes.game, index, weight, count
+        )
 
 
 @kernel(**UNCOUNTED)
-def _hazard(shelf, step, j, room, still, moving):
+def _hazard(stored_tubes, step, j, scratch, still, moving):
     """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
-    value = weighted(shelf.static, j, room.index[0], room.weight[0], still)
-    place = step * room.marks.size + j
-    return max(value, weighted(shelf.moving, place, room.index[1], room.weight[1], moving))
+    value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
+    place = step * scratch.marked.size + j
+    return max(value, weighted(stored_tubes.moving, place, scratch.index[1], scratch.weight[1], moving))
 
 
 @kernel(**UNCOUNTED)
-def _of_tubes(shelf, step, state, lattice, room, margin, safe, depth):
+def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
     """safe[j] from marks and margins, and the best input by depth; see `notebooks/site/queries.md`."""
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
-        safe[j] = room.marks[j] and margin[j] <= 0.0
+        safe[j] = scratch.marked[j] and margin[j] <= 0.0
         if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
-    still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
-    moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
+    still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(safe.size):
-        safe[j] = margin[j] <= 0.0 and _hazard(shelf, step, j, room, still, moving) <= 0.0
+        safe[j] = margin[j] <= 0.0 and _hazard(stored_tubes, step, j, scratch, still, moving) <= 0.0
         if safe[j] and (best < 0 or depth[j] < depth[best]):
             best = j
     if best >= 0:
         return best
     best, least = 0, np.inf
     for j in range(safe.size):
-        worse = max(depth[j], _hazard(shelf, step, j, room, still, moving))
-        one, other = shelf.game < 0 and room.marks[j], shelf.game < 0 and room.marks[best]
+        worse = max(depth[j], _hazard(stored_tubes, step, j, scratch, still, moving))
+        one, other = stored_tubes.game < 0 and scratch.marked[j], stored_tubes.game < 0 and scratch.marked[best]
         if one > other or (one == other and worse < least):
             best, least = j, worse
     return best
 
 
 @kernel(**UNCOUNTED)
-def by_tubes(m, column, states, when, shelf, ends, space, out):
+def by_tubes(m, column, states, when, stored_tubes, ends, space, out):
     """The answers for one state, but for the look at the true sets."""
-    (order, lattice, room), (to_go, safe, margins, best, depths), (step, within) = space, out, when
-    state, steps, index, weight = states[m], shelf.steps, room.index[0], room.weight[0]
+    (order, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
+    state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
     to_go[m], safe[m], margins[m], best[m], depths[m] = -1, False, np.inf, -1, np.inf
     if not on_grid(state, lattice):
         return
-    count = corners(state, room.axes, lattice, TINY, index, weight)
-    if shelf.game < 0:
-        to_go[m] = _fewest_steps(shelf, here, steps - step, index, weight, count)
-    elif weighted(shelf.tubes, shelf.game, index, weight, count) <= 0.0:
+    count = corners(state, scratch.axes, lattice, TINY, index, weight)
+    if stored_tubes.game < 0:
+        to_go[m] = _fewest_steps(stored_tubes, here, steps - step, index, weight, count)
+    elif weighted(stored_tubes.tubes, stored_tubes.game, index, weight, count) <= 0.0:
         to_go[m] = steps - step
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
-    _mark(shelf.masks, shelf.index[here + n], index, count, room.marks)
-    tube = shelf.tubes[shelf.index[following + n - 1]]
-    _worst_values(tube, state, ends, column, order, lattice, room, margins[m])
-    if shelf.game >= 0:
-        _depths(shelf, state, ends, column, order, lattice, room, depths[m])
-    best[m] = _of_tubes(shelf, step, state, lattice, room, margins[m], safe[m], depths[m])
+    _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
+    tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
+    _worst_values(tube, state, ends, column, order, lattice, scratch, margins[m])
+    if stored_tubes.game >= 0:
+        _depths(stored_tubes, state, ends, column, order, lattice, scratch, depths[m])
+    best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 
 @kernel(**UNCOUNTED)
@@ -338,12 +343,12 @@ def hull_of(ends, column, spacing, hull):
 
 
 @kernel(**UNCOUNTED)
-def hazards(shelf, step, state, lattice, room, out):
+def hazards(stored_tubes, step, state, lattice, scratch, out):
     """out[j] = the interpolated avoid tube of u_j at a state."""
-    still = corners(state, shelf.static_axes, lattice, TINY, room.index[0], room.weight[0])
-    moving = corners(state, shelf.moving_axes, lattice, TINY, room.index[1], room.weight[1])
+    still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
+    moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
-        out[j] = _hazard(shelf, step, j, room, still, moving)
+        out[j] = _hazard(stored_tubes, step, j, scratch, still, moving)
 
 
 @kernel(inline="always")  # as its caller counts references, or does not
@@ -357,14 +362,14 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A `Room` for so many hulls, inputs, nodes of a block and segments, and walls."""
+    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, and walls."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
     sums = np.empty((inputs, segments), np.int64), np.empty((2, inputs, ndim, 1)), np.empty(inputs), held
-    return Room(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
+    return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
 @kernel(nogil=True)
@@ -374,17 +379,17 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
-    nothing = axes[0], static, static  # in place of index, tubes and masks, which nobody reads here
-    shelf = Shelf(0, -1, *nothing, static, axes[0], moving, axes[1])
-    room = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
+    nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
+    stored_tubes = StoredTubes(0, -1, *nothing, static, axes[0], moving, axes[1])
+    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
-        hazards(shelf, step, states[m], lattice, room, out[m])
+        hazards(stored_tubes, step, states[m], lattice, scratch, out[m])
 
 
 @kernel(**UNCOUNTED)
-def _interpolated(where, row, tubes, lattice, room, found):
+def _interpolated(where, row, tubes, lattice, scratch, found):
     """found[m] = the interpolated tubes[row[m]] at where[m], as by `corners` and `weighted`: loops that vectorise."""
-    (sides, index), (share, weight) = room
+    (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size
     index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
     for axis in range(where.shape[1]):
@@ -414,9 +419,9 @@ def tube_values(points, places, tubes, ints, floats, out):
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)
     whole, shares = np.empty((2 + (1 << ndim), BLOCK), np.int64), np.empty((1 + (1 << ndim), BLOCK))
-    room = (whole[:2], whole[2:]), (shares[:1], shares[1:])
+    scratch = (whole[:2], whole[2:]), (shares[:1], shares[1:])
     for at in range(0, found.size, BLOCK):
         end = min(at + BLOCK, found.size)
         for m in range(end - at):
             row[m] = places[(at + m) // each]
-        _interpolated(where[at:end], row, tubes, lattice, room, found[at:end])
+        _interpolated(where[at:end], row, tubes, lattice, scratch, found[at:end])

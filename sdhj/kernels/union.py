@@ -19,7 +19,7 @@ PAST = 32  # numbers beyond a row that may be written, and beyond its pieces tha
 _inlined = inlined()
 
 
-class Walls(NamedTuple):
+class AvoidRows(NamedTuple):
     """What to avoid: (L, r, B or 1) for each input rows as those of the grid, or with one value for all their nodes.
 
     Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
@@ -33,17 +33,18 @@ class Walls(NamedTuple):
 
 
 @_inlined
-def _reach(out, reach, j, row):
+def _reach_row(out, reach_sets, j, row):
     """Write a row of the reach set of input j: see `add_inputs`."""
-    if len(reach) == 5:
-        _least(out, reach, j, row)
+    if len(reach_sets) == 5:
+        _least(out, reach_sets, j, row)
     else:
-        values, parent, which, taps, weight, between, point = reach  # no tuple may stand in another here
+        values, parent, which, taps, weight, between, point = reach_sets  # no tuple may stand in another here
         _moved(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
 @kernel(**UNCOUNTED)
 def _moved(out, values, leaves, j, row):
+    """Write a row of the maximum over intervals that `leaves` describe for input j: see `add_inputs`."""
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
     source = values[leaves.parent[j], node // leaves.taps.shape[1]]
@@ -51,9 +52,9 @@ def _moved(out, values, leaves, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _least(out, reach, j, row):
+def _least(out, reach_sets, j, row):
     """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
-    values, begin, at, width, nodes = reach
+    values, begin, at, width, nodes = reach_sets
     lines = (out.size - PAST) // nodes
     whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
     for line in range(lines):
@@ -80,29 +81,29 @@ def _least(out, reach, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _raised(out, wall, highest, level):
-    """Raise a row to that of a wall; where that has one value only, return the greater of it and `level` instead.
+def _raised(out, bound, highest, level):
+    """Raise a row to that of a bound; where that has one value only, return the greater of it and `level` instead.
 
-    A wall that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
+    A bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
     """
-    if wall.size < out.size:
-        return wall[0] if wall[0] > level else level
+    if bound.size < out.size:
+        return bound[0] if bound[0] > level else level
     below = np.int32(0)
     for i in range(out.size):
         below = np.int32(below + (np.int32(1) if out[i] < highest else np.int32(0)))
     if below > 0:
         for i in range(out.size):
-            out[i] = out[i] if out[i] > wall[i] else wall[i]
+            out[i] = out[i] if out[i] > bound[i] else bound[i]
     return level
 
 
 @kernel(**UNCOUNTED)
-def _join(tube, marks, reach, levels):
+def _join(tube, marks, reach_sets, levels):
     """Add eight inputs to a row; marks in lanes as wide as the values, or the loop would not be vectorised."""
     for i in range(tube.size):
         best, found = tube[i], np.int32(0)
         for q in range(EIGHT):
-            value = reach[q, i] if reach[q, i] > levels[q] else levels[q]
+            value = reach_sets[q, i] if reach_sets[q, i] > levels[q] else levels[q]
             found = np.int32(found | (np.int32(1 << q) if value <= 0 else np.int32(0)))
             best = value if value < best else best
         tube[i] = best
@@ -110,25 +111,27 @@ def _join(tube, marks, reach, levels):
 
 
 @kernel(**UNCOUNTED)
-def _add_to_row(tube, marks, reach, which, walls, before, row, room):
-    """What `add_inputs` does of one row, for the inputs in range(*which); `room` has eight rows and as many levels."""
-    (found, levels), (first, end), size = room, which, tube.shape[1]
+def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
+    """`add_inputs` for one row and the inputs in range(*which); scratch: eight rows and eight levels."""
+    (found, levels), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
     for byte in range(first // EIGHT, (end + EIGHT - 1) // EIGHT):
         for q in range(EIGHT):
             j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
             if first <= j < end:
-                _reach(found[q], reach, j - first, row)
+                _reach_row(found[q], reach_sets, j - first, row)
                 line, level = found[q, :size], tube.dtype.type(-np.inf)
-                at = walls.static_at[row]
-                level = _raised(line, walls.static[j, at], walls.highest[j, at], level)
-                levels[q] = _raised(line, walls.moving[j, walls.moving_at[row]], tube.dtype.type(np.inf), level)
+                at = avoid_rows.static_at[row]
+                level = _raised(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
+                levels[q] = _raised(
+                    line, avoid_rows.moving[j, avoid_rows.moving_at[row]], tube.dtype.type(np.inf), level
+                )
         _join(tube[row], marks[byte, row], found, levels)
 
 
 @kernel(parallel=True, least=FEW)
-def add_inputs(tube, marks, reach, count, first, walls, before, which):
+def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which):
     """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
 
     tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
@@ -144,4 +147,6 @@ def add_inputs(tube, marks, reach, count, first, walls, before, which):
     for block in prange(blocks):
         found, levels = np.empty((EIGHT, size + PAST), tube.dtype), np.empty(EIGHT, tube.dtype)
         for place in range(rows * np.int64(block) // blocks, rows * (np.int64(block) + 1) // blocks):
-            _add_to_row(tube, marks, reach, (first, first + count), walls, before, which[place], (found, levels))
+            _add_to_row(
+                tube, marks, reach_sets, (first, first + count), avoid_rows, before, which[place], (found, levels)
+            )

@@ -156,14 +156,14 @@ def pack_block(numbers, width, seen, out):
     while (1 << bits) < colours:
         bits += 1
     out[0], out[1], out[2] = bits, colours & 255, colours >> 8
-    begin, held, room = 3 + colours * width, 0, 0
+    begin, held, record = 3 + colours * width, 0, 0
     for number in numbers:
-        held |= seen[number] << room
-        room += bits
-        while room >= 8:
+        held |= seen[number] << record
+        record += bits
+        while record >= 8:
             out[begin] = held & 255
-            begin, held, room = begin + 1, held >> 8, room - 8
-    if room > 0:
+            begin, held, record = begin + 1, held >> 8, record - 8
+    if record > 0:
         out[begin] = held
         begin += 1
     for number in numbers:

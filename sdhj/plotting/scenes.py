@@ -43,7 +43,7 @@ def draw_workspace(
 
     Without a state arm and agent are left out. At the times of the `trail` (K,), s, moving disks are outlined faintly.
     """
-    disks = [(disk, UNSAFE_LOOKS, f"obstacle-{place}") for place, disk in enumerate(scene.obstacles)]
+    disks = [(disk, UNSAFE_LOOKS, f"obstacle-{i}") for i, disk in enumerate(scene.obstacles)]
     if scene.target is not None:
         disks.append((scene.target, TARGET_LOOKS, "target"))
     for disk, looks, gid in disks:

@@ -120,9 +120,9 @@ def draw_constraints(
     contour. `parts` selects some of them by name.
     """
     where = plane(problem.grid, through, axes, resolution)
-    for place, part in enumerate((problem.target, *problem.unsafe)):
+    for i, part in enumerate((problem.target, *problem.unsafe)):
         if parts is None or part.name in parts:
-            draw_set(ax, where, where.true(part, step * problem.delta), look(part.name), part.name, 2.0 + place)
+            draw_set(ax, where, where.true(part, step * problem.delta), look(part.name), part.name, 2.0 + i)
     frame_slice(ax, problem.grid, axes)
 
 
@@ -151,9 +151,9 @@ def draw_tubes(
         looks = {"facecolor": colours[n], "edgecolor": "#333333", "linewidth": 0.45}
         draw_set(ax, where, values, looks, f"tube-{n}", zorder=1.0 + (within - n) / (table.steps + 1))
     if unsafe:
-        for part in table.problem.unsafe:
-            outline = look(part.name) | {"facecolor": "none"}
-            draw_set(ax, where, where.true(part, start * table.problem.delta), outline, part.name, 2.5)
+        for unsafe_set in table.problem.unsafe:
+            outline = look(unsafe_set.name) | {"facecolor": "none"}
+            draw_set(ax, where, where.true(unsafe_set, start * table.problem.delta), outline, unsafe_set.name, 2.5)
     frame_slice(ax, grid, axes)
 
 

@@ -1,4 +1,4 @@
-"""Maxima of grid functions over boxes around each node, and the rim of nodes past safe ends.
+"""Maxima of grid functions over boxes around each node, and the padding of nodes past safe ends.
 
 On a grid the maximum over a box is taken axis by axis: over the two ends of the interval, by interpolation, and over
 the nodes between them (`sdhj.solver.hopf_lax` says how, and what for).
@@ -20,7 +20,7 @@ from sdhj.problem.grid import Grid, Window
 Nodes = Sequence[slice]  # of each axis
 Spans = tuple[tuple[float, float], ...]
 INTERPOLATIONS = ("linear", "limited")
-A_LOOK = 0.25  # of an operation: what a look at a node takes
+A_READ = 0.25  # of an operation: what reading a node takes
 TOGETHER = 2**20  # numbers, of functions that are kept at a time where there are more than eight
 
 
@@ -167,13 +167,13 @@ def maxima(
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
     """What `maxima` takes, as `sdhj.problem.cost` counts: a node of a leaf looks at four others, and those between."""
-    corners, looks = np.stack([low, high], axis=2).astype(float), 0.0
+    corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:
             n, spacing = grid.shape[level.axis], grid.spacing[level.axis]
             widths = [4 + min((b - a) / spacing, n) for a, b in level.spans]
-            looks += sum(widths[which] for which in level.which)
-    return A_LOOK * looks * grid.size
+            reads += sum(widths[which] for which in level.which)
+    return A_READ * reads * grid.size
 
 
 def maximum_over_boxes(
@@ -212,15 +212,15 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 
 @lru_cache(maxsize=64)
-def most_on_rim(grid: Grid) -> FloatArray | None:
+def most_on_padding(grid: Grid) -> FloatArray | None:
     """Minus the distance past safe ends, +inf where nothing is past one, (shape); None where that is everywhere."""
-    if not np.any(grid.rim):
+    if not np.any(grid.padding):
         return None
     far = np.broadcast_to(grid.to_ends("safe"), grid.shape)
     return np.where(far < -SLACK * min(grid.spacing), far, np.inf)
 
 
 def out_of_danger(grid: Grid, values: FloatArray) -> FloatArray:
-    """Values (shape), at most `most_on_rim`."""
-    most = most_on_rim(grid)
+    """Values (shape), at most `most_on_padding`."""
+    most = most_on_padding(grid)
     return values if most is None else np.minimum(values, most, dtype=values.dtype)

@@ -119,7 +119,7 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """As `real_array`, every value finite."""
+    """`values` as a real array, every value finite; ValueError otherwise."""
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -135,7 +135,7 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """As `points_array`, every value finite; ValueError naming the first state that is not."""
+    """States (M, ndim), every value finite; ValueError naming the first that is not."""
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
         bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
@@ -205,7 +205,7 @@ def arguments(name: str, function: Any) -> tuple[str, ...]:
     ):
         return ("t",)
     places = parameters_of(name, function, signature, known[1:])
-    taken = [p.name for place, p in enumerate(places) if not place or p.name in known[1:] or p.default is p.empty]
+    taken = [p.name for i, p in enumerate(places) if not i or p.name in known[1:] or p.default is p.empty]
     fits = bool(taken) and not lost and taken == [p.name for p in places[: len(taken)]]
     if (
         not fits

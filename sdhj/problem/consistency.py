@@ -48,20 +48,20 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
             object.__setattr__(formula, "source", None)
 
 
-def check_swept(problem: Statement, part: UnsafeSet) -> None:
+def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
     """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
-    grid, rng = problem.grid.subgrid(part.axes), np.random.default_rng(0)
+    grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
     lasting = problem.sensing.hold(problem.delta)[0]
     for step in np.unique(np.linspace(0, problem.steps - 1, min(problem.steps, SWEPT_STATES)).astype(int)).tolist():
         t0, t1 = problem.span(step)
-        swept = part.swept(points, t0, t1)
+        swept = unsafe_set.swept(points, t0, t1)
         for t in (t0 + INSTANTS * lasting).tolist():
-            excess = swept - part.level_set(points, t)
+            excess = swept - unsafe_set.level_set(points, t)
             if excess.max() > EXCUSED * float(np.abs(swept).max()):
                 worst = points[int(excess.argmax())].tolist()
                 raise ValueError(
-                    f"swept of {part.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
+                    f"swept of {unsafe_set.name!r} over [{t0:g}, {t1:g}] is {excess.max():.3g} above the level-set "
                     f"function at t = {t:g}, at {worst}; it must be at most that at every time of the interval, or "
                     "leave it out: the library then sweeps the set itself"
                 )
@@ -73,7 +73,7 @@ def try_goals(problem: Sampled) -> None:
     for part, step in product(problem.pieces(), steps):
         if (part.target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
             return
-    if problem.stays:
+    if problem.has_no_target:
         raise ValueError("every grid node is in an unsafe set: check the signs (negative is inside)")
     points = problem.grid.subgrid(target.axes).points()
     if not any((target.level_set(points, problem.time(step)) <= 0).any() for step in steps):

@@ -1,6 +1,6 @@
 """What a solve costs, which is counted by a model before it begins, and how far it has come.
 
-An *operation* is what one stage of a PDE, or four looks at neighbours for a maximum, do to one node for one input: it
+An *operation* is what one stage of a PDE, or four reads of neighbours for a maximum, do to one node for one input: it
 takes a core 0.5 to 3 ns (`figures/bench.py` measures what a second buys). A solve takes so many of them:
 
     tubes x (reach games + marks) + avoid games,
@@ -122,7 +122,7 @@ class Meter:
 
 
 def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
-    """What makes a solve of a problem long, in words: so many tubes of so many nodes or cells, and why so many."""
+    """Why a solve takes long, in words: so many tubes of so many nodes or cells, and why so many."""
     moving = [repr(part.name) for part in (problem.target, *problem.unsafe) if part.moving]
     moving += ["the dynamics"] * problem.dynamics.timed
     depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""

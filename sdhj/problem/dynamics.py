@@ -151,6 +151,7 @@ class Dynamics:
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:
+                    """The user's function as a formula is called: (M, ...) at points, time and disturbance."""
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
@@ -179,6 +180,7 @@ class Dynamics:
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
+            """The arguments of a traced call under input u, for so many points."""
             return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
@@ -201,6 +203,7 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
+    """gain_{id} |bounds_d|: the gain for a disturbance in [-1, 1]."""
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
@@ -211,6 +214,7 @@ def _scaled_velocity(velocity: Any, bounds: Formula, points: Any, t: Any, *v: An
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
+    """An array as a formula of constants."""
     return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
@@ -231,13 +235,14 @@ class VectorField:
     def made(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
-        """What `Formula.traced` makes of a function, once for each key, which begins with the formula's name."""
+        """`Formula.traced` of a function, made once for each key, which begins with the formula's name."""
         if key not in self._derived:
             self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
         return self._derived[key]
 
     @property
     def parts(self) -> list[Any]:
+        """Drift, gain and bounds, as far as there are any."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
@@ -345,14 +350,17 @@ class VectorField:
         keep = list(axes)
 
         def full(points: Any) -> Any:
+            """Points on some axes as points on all, at `lower` on the others."""
             elsewhere = 0.0 * points[:, 0]
             columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
+            """A function of the components along some axes, of points on these."""
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
             def of_some(points: Any, *given: Any) -> Any:
+                """The components `keep` of the function at points on these axes."""
                 return function(full(points), *given).take(keep, axis)
 
             if part is None or isinstance(part, Formula):
@@ -416,6 +424,7 @@ class VectorField:
         ndim, count = self.ndim, self.ndim + self.adversaries
 
         def velocity(one: Formula, points: Any, t: Any) -> Any:
+            """The velocity of a point with the disturbance in its further coordinates."""
             return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
 
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
@@ -434,7 +443,7 @@ class VectorField:
         return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
-        """As `extremes`, where the disturbance enters linearly."""
+        """The least and the greatest velocity, drift -+ sum_d |gain_d| bounds_d."""
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
@@ -476,7 +485,10 @@ class VectorField:
         return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
+        """The velocity under u_j at a vertex of the box of v: drift + sum_d sign_d bounds_d gain_d."""
+
         def velocity(points: Any, t: Any) -> Any:
+            """drift + sum_d sign_d bounds_d gain_d."""
             drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
@@ -484,7 +496,7 @@ class VectorField:
         return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """As `range`, where drift or gain is a black box: what is declared of each, and intervals of the rest."""
+        """Bounds on the velocity where drift or gain is a black box, from what is declared and intervals."""
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
@@ -499,4 +511,5 @@ def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = No
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
+    """A function called with those of the given arguments that it takes."""
     return function(*_taken(takes, *given))

@@ -112,10 +112,12 @@ class Grid:
 
     @property
     def ndim(self) -> int:
+        """Number of axes."""
         return len(self.shape)
 
     @property
     def size(self) -> int:
+        """Number of nodes."""
         return math.prod(self.shape)  # exact, however large
 
     @property
@@ -139,13 +141,13 @@ class Grid:
         `values.reshape(grid.shape)` gives a function of them its shape on the grid. MemoryError if they do not fit into
         memory together with some arrays of the same size.
         """
-        self.require_room(8 * (2 * self.ndim + 5))
+        self.require_memory(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
         for axis in range(self.ndim):
             points[..., axis] = self.lift(self.nodes(axis), [axis])
         return points.reshape(self.size, self.ndim)
 
-    def require_room(self, each: int = 0) -> None:
+    def require_memory(self, each: int = 0) -> None:
         """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
         if self.size > SMALL:
             what = f"to sample a grid of {' x '.join(map(str, self.shape))} nodes, before any tube,"
@@ -182,13 +184,14 @@ class Grid:
         return self._subgrids[tuple(axes)]
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        lower, upper, shape, periodic, names, ends, rim = ([one[axis] for axis in axes] for one in self._by_axis)
+        """A new grid of some of the axes."""
+        lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
         plain = Grid(lower, upper, shape, periodic, names, ends)
-        return Rimmed(plain, rim) if np.any(rim) else plain
+        return Rimmed(plain, padding) if np.any(padding) else plain
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
-        return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.rim
+        return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
@@ -199,14 +202,14 @@ class Grid:
         return {}
 
     @property
-    def rim(self) -> tuple[tuple[int, int], ...]:
+    def padding(self) -> tuple[tuple[int, int], ...]:
         """How many nodes of each axis lie past its lower and its upper safe end: see `Rimmed`."""
         return ((0, 0),) * self.ndim
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index of the nodes that are not part of the `rim`."""
-        return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.rim, strict=True))
+        """Index of the nodes that are not part of the `padding`."""
+        return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
         """Values (shape `shape`) at the first and the second node of every edge along an axis: two arrays."""
@@ -232,6 +235,7 @@ class Grid:
 
     @kept
     def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Lower ends, upper ends, and which axes are periodic: (ndim,) each."""
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
@@ -254,12 +258,12 @@ class Grid:
 
     def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""
-        if kinds not in (known := self._faces):
+        if kinds not in (cache := self._faces):
             such = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
-            past = np.array(self.rim).T * self.spacing
+            past = np.array(self.padding).T * self.spacing
             low = np.where(such[:, 0], self.lower + past[0], -np.inf)
-            known[kinds] = read_only((low, np.where(such[:, 1], self.upper - past[1], np.inf)))
-        return known[kinds]
+            cache[kinds] = read_only((low, np.where(such[:, 1], self.upper - past[1], np.inf)))
+        return cache[kinds]
 
     def has(self, kind: str) -> bool:
         """Whether some axis has an end of this kind."""
@@ -325,7 +329,7 @@ class Rimmed(Grid):
         object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
 
     @property
-    def rim(self) -> tuple[tuple[int, int], ...]:
+    def padding(self) -> tuple[tuple[int, int], ...]:
         return self.over
 
 
@@ -348,28 +352,33 @@ class Window(Grid):
         object.__setattr__(self, "first", tuple(first))
 
     @property
-    def rim(self) -> tuple[tuple[int, int], ...]:
-        return tuple(self.whole.rim)
+    def padding(self) -> tuple[tuple[int, int], ...]:
+        return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:
         """Indices that the window's nodes on one axis have in the whole grid, (shape[axis],)."""
         return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
 
     def nodes(self, axis: int) -> FloatArray:
+        """Coordinates of the window's nodes on one axis, to the bit those of the whole grid."""
         return self.whole.nodes(axis)[self.places(axis)]
 
     def continued(self, by: Sequence[int]) -> Grid:
+        """The window with so many more nodes on both sides of each axis, see `Grid.continued`."""
         shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
         return self.whole.continued(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
+        """Share of the whole axis's length that each of the window's nodes represents."""
         return self.whole.shares(axis)[self.places(axis)]
 
     def _subgrid(self, axes: Sequence[int]) -> Grid:
+        """The window of some axes in the subgrid of the whole grid."""
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
     @kept
     def arrays(self) -> Lattice:
+        """The window in the form that compiled code takes, see `Grid.arrays`."""
         first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
         return self.whole.arrays._replace(first=first, extent=extent)

@@ -53,6 +53,7 @@ class Velocities:
 
     @property
     def coupled(self) -> bool:
+        """Whether the adversary couples axes, so that the velocity set is no box."""
         return self.drift is not None
 
     @property
@@ -131,6 +132,7 @@ class Interval:
 
     @property
     def end(self) -> float:
+        """When it ends, s."""
         return self.begin + self.delta
 
     @cached_property
@@ -145,7 +147,7 @@ class Interval:
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """What the adversary's box adds to the velocity of each state (M, ndim) under its input (M,): (M, ndim, D)."""
+        """The gain times v's box for each state (M, ndim) under its input (M,): (M, ndim, D)."""
         points = self.grid.wrapped(states)
         if self.dynamics.alike:
             return self.dynamics.gain_at(points, 0, t)
@@ -189,9 +191,11 @@ class Interval:
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
+            """The velocity at states q and a time."""
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
 
         def moved(span: Any, slope: Any) -> Any:
+            """States after a time span at a slope, stopped at walls."""
             return self.grid.clipped(states + span * slope)
 
         k1 = velocity(states, t)
@@ -226,7 +230,7 @@ class Interval:
             later.append(self.delta * self.drift(halfway, j, begin + self.delta / 2))
         return np.stack(moves, axis=1), np.stack(later, axis=1)
 
-    def reachable(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def reachable_boxes(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
@@ -237,7 +241,8 @@ class Interval:
         return low - spread, high + spread
 
     def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
-        """Some of the states of `reachable` that the adversary can bring about: (M, L, P, ndim), or (1, L, P, ndim).
+        """Some of the states of `reachable_boxes` that the adversary can bring about: (M, L, P, ndim), or (1, L, P,
+        ndim).
 
         sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
         of v move several axes, each is at the end that lies farther in this direction from the middle.
@@ -251,7 +256,7 @@ class Interval:
         return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """What each input leads to, relative to the states: (4 + K, L, ndim, M), or (4 + K, L, ndim, 1) if all alike.
+        """Boxes and paths that each input leads to, relative to the states: (4, L, ndim, M or 1 if alike for all).
 
         The corners of a box, and two terms of the path without an adversary: a share s of the interval later the state
         is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order. Behind
@@ -264,6 +269,7 @@ class Interval:
 
     @kept
     def _alike(self) -> FloatArray:
+        """`ahead` where it is the same for all states, (4, L, ndim, 1)."""
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
     @property
@@ -277,6 +283,7 @@ class Interval:
         return found
 
     def _ahead(self, states: Any, begin: Any) -> Any:
+        """`ahead` with the states first: (M, 4, L, ndim); the hull over early ends, widened by `wider`."""
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
@@ -297,7 +304,7 @@ class Interval:
         """Lower and upper corners at the end, both (M, L, ndim), of what moves one axis each."""
         dynamics = self.dynamics
         if dynamics.stateless:
-            low, high = self.reached(0.0, self.delta)
+            low, high = self.displacement_boxes(0.0, self.delta)
             spread = sum((np.abs(half[0]) for half in self._halves(states, begin)), np.zeros_like(low))
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
@@ -327,9 +334,10 @@ class Interval:
 
     @kept
     def _always(self) -> FloatArray:
+        """`extremes` where they do not depend on time."""
         return self.extremes(self.begin)
 
-    def reached(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
+    def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
         """Corners of the boxes of displacements from `begin` to `end`, s into the interval, by input: two (L, ndim).
 
         For velocities that do not depend on the state; exact where they do not depend on time, else by Gauss's rule.
@@ -358,9 +366,9 @@ class Interval:
         some = np.abs(pushes) > ROUNDING * np.abs(pushes).max()  # the rest is rounding, as of a gain that is a rotation
         pushes *= some
         oblique = (some.sum(axis=1) > 1).any(axis=0)
-        for place, axis in enumerate(own):
-            if self._holds(axis, place, pushes[:, :, oblique]):
-                oblique &= ~some[:, place].any(axis=0)
+        for i, axis in enumerate(own):
+            if self._holds(axis, i, pushes[:, :, oblique]):
+                oblique &= ~some[:, i].any(axis=0)
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
@@ -415,12 +423,12 @@ class Interval:
         """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
         return replace(self, grid=grid, whole=self)
 
-    def closed(self, axes: Iterable[int]) -> tuple[int, ...]:
+    def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
         """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
-        known = set(axes)
-        while grown := {int(k) for i in known for k in np.flatnonzero(self.dynamics.reads[i])} - known:
-            known |= grown
-        return tuple(sorted(known))
+        found = set(axes)
+        while grown := {int(k) for i in found for k in np.flatnonzero(self.dynamics.reads[i])} - found:
+            found |= grown
+        return tuple(sorted(found))
 
     def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
         """The velocity set under u_j along some axes at time t, by default at the begin, on their subgrid.
@@ -451,7 +459,7 @@ class Interval:
     def _seen(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
         """Some axes and those that their velocities read, ascending; the places among them of the latter alone."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
-        return seen, tuple(place for place, axis in enumerate(seen) if axis not in axes)
+        return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
     def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
         """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""

@@ -74,7 +74,7 @@ def map_level_set(
                 "a map must be the path of a YAML file or a bool array (rows, columns), True where it is occupied or "
                 f"unknown, got {type(source).__name__} of {blocked.dtype} of shape {blocked.shape}"
             )
-    room_for_map(*blocked.shape[::-1])
+    require_memory_for_map(*blocked.shape[::-1])
     if blocked.all():
         shown = os.fspath(source) if isinstance(source, str | os.PathLike) else name
         raise ValueError(f"no pixel of the map {shown!r} is free; an array must be True where it is occupied")
@@ -91,6 +91,7 @@ def map_level_set(
     del nodes
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
+        """Signed distance at points (M, 2): the table on the map, less the distance to the map off it."""
         dx, dy = points[:, 0] - x, points[:, 1] - y
         places = np.stack([cosine * dx + sine * dy, cosine * dy - sine * dx], axis=1)
         past = np.maximum(places - size, np.minimum(places, 0.0))  # 0 on the map
@@ -155,7 +156,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         resolution = number("resolution", spelled(entries["resolution"]), above=0.0)
         if not isinstance(origin, list) or len(origin) != 3:
             raise ValueError(f"origin must be three numbers, got {reprlib.repr(origin)}")
-        origin = [number(f"origin[{place}]", spelled(one)) for place, one in enumerate(origin)]
+        origin = [number(f"origin[{i}]", spelled(one)) for i, one in enumerate(origin)]
         if not isinstance(image, str):
             raise ValueError(f"image must be the name of a file, got {reprlib.repr(image)}")
     except RecursionError:
@@ -196,7 +197,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
             warnings.catch_warnings(action="error", category=bombs[1]),
             Image.open(io.BytesIO(data), formats=FORMATS) as image,
         ):
-            room_for_map(*image.size)
+            require_memory_for_map(*image.size)
             if image.format == "BMP" and image.tile[0][0] != "raw":
                 raise ValueError("it is compressed; save it as PNG")
             if image.mode.startswith("I"):  # 16 bits
@@ -218,7 +219,7 @@ def netpbm(data: bytes) -> bytes:
         raise ValueError("it must begin with P1 to P6, its width and height, and, but for P1 and P4, the largest value")
     kind, pixels, numbers = int(data[1:2]), data[found.end() :], [int(one) for one in found.groups() if one]
     width, height, most = (*numbers, 1)[:3]
-    room_for_map(width, height)
+    require_memory_for_map(width, height)
     count = width * height * (3 if kind in (3, 6) else 1)
     needed, there, unit = count * (2 if most > 255 else 1), len(pixels), "bytes"
     if kind == 4:
@@ -259,7 +260,7 @@ def contents(path: Path, most: int) -> bytes:
     return found
 
 
-def room_for_map(width: int, height: int) -> None:
+def require_memory_for_map(width: int, height: int) -> None:
     """ValueError where a map has more pixels than a table of their distances may, MemoryError where they do not fit."""
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
@@ -293,6 +294,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> MapLevelSet:
     rounding = 1e-12 * np.ptp(corners, axis=0).max()  # or a point on an edge of two parts could be in neither
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
+        """Signed distance to the polygon at points (M, 2), less the radius."""
         along, right, lengths = _beside(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)

@@ -19,13 +19,14 @@ def available() -> tuple[int, str] | None:
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
+    """The available memory of the machine, bytes, and how to say it."""
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
             yield 1024 * int(line.split()[1]), "are available"
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """What is left of this process's address space, if it is limited."""
+    """The bytes left of this process's address space, if it is limited."""
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
 
@@ -38,7 +39,7 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """What this process's control groups and those above them leave; a container sees its group as the root."""
+    """The bytes that the process's control groups leave; a container sees its group as the root."""
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]
@@ -52,6 +53,7 @@ def of_control_groups(
 
 
 def _lines(path: Path) -> list[str]:
+    """The lines of a file; none if the system has no such file."""
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except OSError:  # no such file on this system

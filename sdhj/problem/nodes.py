@@ -83,20 +83,24 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
     near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
     flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
-    rim = flat & np.any([one > 0.0 for one in near], axis=0)
+    at_boundary = flat & np.any([one > 0.0 for one in near], axis=0)
     out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
-    if not rim.any():
+    if not at_boundary.any():
         return out
-    at, depth, fallen = tuple(index[rim] for index in inside), out[inside][rim], np.zeros(np.count_nonzero(rim))
+    at, depth, fallen = (
+        tuple(index[at_boundary] for index in inside),
+        out[inside][at_boundary],
+        np.zeros(np.count_nonzero(at_boundary)),
+    )
     for (axis, by), first in zip(steps, near, strict=True):
-        first, second = first[rim], _moved(grid, values, at, axis, 2 * by)
-        drop, rate = first - level[rim], second - first
+        first, second = first[at_boundary], _moved(grid, values, at, axis, 2 * by)
+        drop, rate = first - level[at_boundary], second - first
         fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
         depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
         fallen = np.where(first > 0.0, np.maximum(fallen, fall), fallen)
     step = np.zeros(values.shape)
     out[at], step[at] = depth, fallen
-    rest = tuple(index[flat & ~rim] for index in inside)
+    rest = tuple(index[flat & ~at_boundary] for index in inside)
     for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
         falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
         there = (_moved(grid, out, rest, *one) for one in steps)

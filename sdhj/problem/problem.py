@@ -79,7 +79,7 @@ class ReachAvoidProblem(Sampled):
 
     def __post_init__(self) -> None:
         self._check_parts()
-        self.grid.require_room(each=8)
+        self.grid.require_memory(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
         if self.steps is not None:
@@ -100,7 +100,7 @@ class ReachAvoidProblem(Sampled):
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
                 where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
                 raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
-        if self.steps is None and not self.timeless:
+        if self.steps is None and not self.time_invariant:
             raise ValueError(
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "
                 "target depend on time; give a number of steps"
@@ -120,6 +120,7 @@ class ReachAvoidProblem(Sampled):
             check_sensing(self)
 
     def _check_parts(self) -> None:
+        """ValueError where a field is of the wrong type; fills in what may be left out."""
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
         try:
@@ -142,9 +143,9 @@ class ReachAvoidProblem(Sampled):
             shown = reprlib.repr(self.unsafe)
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty if nothing is unsafe, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
-        if not self.stays and self.grid.has("safe"):
+        if not self.has_no_target and self.grid.has("safe"):
             raise ValueError('"safe" ends need a problem without a target: a state that leaves there cannot reach one')
-        if self.stays and not unsafe and not self.grid.has("unsafe"):
+        if self.has_no_target and not unsafe and not self.grid.has("unsafe"):
             raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
     @cached_property

@@ -42,7 +42,7 @@ from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.steepness import carried, rates
+from sdhj.problem.steepness import growth_bound, rates
 
 CORRECTIONS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
 SAME_INPUT = 1e-6  # an input of the problem and one of a record, relative to the largest
@@ -215,11 +215,11 @@ def _measured(
         if [len(one) for one in seen] != [len(one) for one in tables]:
             raise ValueError("better must have a record for each of records, with as many rows")
         pairs = zip(tables, seen, strict=True)
-        misses = [np.abs(_apart(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
+        misses = [np.abs(_difference(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
         return seen, _above(np.array(misses), miss)
     if rest is not None:
         still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
-        off = _apart(problem, still, still[:1])
+        off = _difference(problem, still, still[:1])
         return tables, (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
     return tables, np.zeros(ndim) + np.array(Sensing(error).error)
 
@@ -245,7 +245,7 @@ def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArr
     return table
 
 
-def _apart(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
+def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
     """one - other, on periodic axes the short way round."""
     grid, off = problem.grid, one - other
     turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
@@ -270,11 +270,11 @@ def _pushes(
         inverse = np.linalg.pinv(gain[rows])
         for _ in range(CORRECTIONS):
             ends = _flow(interval, states[rows], inputs[rows], v[rows], t, spans[rows])
-            left[rows] = _apart(problem, after[rows, 1 : 1 + ndim], ends)
+            left[rows] = _difference(problem, after[rows, 1 : 1 + ndim], ends)
             v[rows] += np.einsum("mdi,mi->md", inverse, left[rows]) / spans[rows]
     inverse, longest = np.linalg.pinv(gain), float(spans.max())
     slope, _, jumps = rates(problem.grid, problem.dynamics, float(times.max()), longest)
-    blur = error + carried(slope, jumps, error, longest)
+    blur = error + growth_bound(slope, jumps, error, longest)
     told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME_INPUT
     beyond = np.abs(left) - np.abs(np.eye(ndim) - gain @ inverse) @ blur
     small = INTEGRATED * (np.array(problem.grid.upper) - problem.grid.lower)
@@ -283,13 +283,13 @@ def _pushes(
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
     """Which of the problem's inputs was given, (T,)."""
-    apart = np.abs(given[:, None] - problem.inputs).max(axis=2)
-    if (odd := apart.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
+    distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
+    if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
             f"the records have the input {given[odd][0].tolist()}, which is none of the problem's; make the "
             "problem with the inputs that were recorded"
         )
-    return apart.argmin(axis=1)
+    return distances.argmin(axis=1)
 
 
 def _flow(
@@ -301,6 +301,7 @@ def _flow(
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:
+        """The velocity at states q some share of a step later, under inputs and disturbances."""
         now = t + after * float(h[0, 0])
         pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)
         return interval.undisturbed(q, inputs, now) + pushed

@@ -52,10 +52,10 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """What a head says of each set, by the name of its formula."""
+    """The entries of a head's sets, by the names of their formulas."""
     unsafe = [one for one in head["sets"] if one["kind"] != "target"]
     target = [one for one in head["sets"] if one["kind"] == "target"]
-    return dict(zip(["target"], target, strict=False)) | {f"unsafe {place}": one for place, one in enumerate(unsafe)}
+    return dict(zip(["target"], target, strict=False)) | {f"unsafe {i}": one for i, one in enumerate(unsafe)}
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:

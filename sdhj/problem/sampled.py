@@ -18,7 +18,7 @@ from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
 
-RIM = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
+PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
 SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 
 
@@ -27,19 +27,22 @@ class Sampled(Statement):
     """A problem whose functions are sampled: at the nodes of its grid, of a window of it, or of the games' grid."""
 
     @cached_property
-    def rimmed(self) -> Self:
-        """The problem on the games' grid, with `RIM` more nodes past each safe end; itself if there is none."""
+    def padded(self) -> Self:
+        """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
         grid = self.grid
-        rim = np.isfinite(grid.faces("safe")).T * RIM  # (ndim, 2)
-        if not rim.any():
+        padding = np.isfinite(grid.faces("safe")).T * PADDING  # (ndim, 2)
+        if not padding.any():
             return self
-        past, nodes = rim.T * grid.spacing, (rim.sum(axis=1) + grid.shape).tolist()
+        past, nodes = padding.T * grid.spacing, (padding.sum(axis=1) + grid.shape).tolist()
         ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
-        wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), rim.tolist())
+        wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
-        def as_at_the_end(part: "UnsafeSet") -> "UnsafeSet":
-            ends, swept = grid.subgrid(part.axes).faces("safe"), part.swept
-            return replace(part, level_set=part.level_set.clipped(*ends), swept=swept and swept.clipped(*ends))
+        def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
+            """The set continued past safe ends with its values at the ends."""
+            ends, swept = grid.subgrid(unsafe_set.axes).faces("safe"), unsafe_set.swept
+            return replace(
+                unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
+            )
 
         dynamics = self.dynamics.clipped(*grid.faces("safe"))
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
@@ -59,42 +62,42 @@ class Sampled(Statement):
         """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
         return sampled_on(self.grid.subgrid(axes), function, name)
 
-    def unsafe_at(self, part: UnsafeSet, t: float) -> FloatArray:
+    def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        key = part.level_set, part.sampling, self.grid.subgrid(part.axes)
-        known: Any = SAMPLED if isinstance(part.level_set, Formula) else self._static  # black boxes may change
-        values = known.get(key)
+        key = unsafe_set.level_set, unsafe_set.sampling, self.grid.subgrid(unsafe_set.axes)
+        cache: Any = SAMPLED if isinstance(unsafe_set.level_set, Formula) else self._static  # black boxes may change
+        values = cache.get(key)
         if values is None:
-            values = read_only(self._sampled(part, lambda points: part.level_set(points, t)))
-        if not part.moving:
-            known[key] = self._static[key] = values
+            values = read_only(self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+        if not unsafe_set.moving:
+            cache[key] = self._static[key] = values
         return values
 
     def unsafe_over(
-        self, part: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
+        self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
         """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
-        axes, view_time = tuple(axes) or part.axes, view_time or self.view_time
-        over = partial(part.over, t0=t0, t1=t1, view_time=view_time)
-        values = self._sampled(part, over) if part.moving else self.unsafe_at(part, t0)
+        axes, view_time = tuple(axes) or unsafe_set.axes, view_time or self.view_time
+        swept = partial(unsafe_set.over, t0=t0, t1=t1, view_time=view_time)
+        values = self._sampled(unsafe_set, swept) if unsafe_set.moving else self.unsafe_at(unsafe_set, t0)
         grid = self.grid.subgrid(axes)
-        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in part.axes]), grid.shape)
+        return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in unsafe_set.axes]), grid.shape)
 
-    def _sampled(self, part: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    def _sampled(self, unsafe_set: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """An unsafe set's function at the nodes, made `closed`, according to its `sampling`."""
-        grid, size = self.grid.subgrid(part.axes), size_of(self.grid.subgrid(part.axes), function)
-        if part.sampling == "cell":
+        grid, size = self.grid.subgrid(unsafe_set.axes), size_of(self.grid.subgrid(unsafe_set.axes), function)
+        if unsafe_set.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
-            values = least_in_cells(whole, lambda points: supported(function, points, part.name))
+            values = least_in_cells(whole, lambda points: supported(function, points, unsafe_set.name))
             values = values[np.ix_(*map(grid.places, range(grid.ndim)))] if isinstance(grid, Window) else values
         else:
-            values = sampled_on(grid, function, part.name)
+            values = sampled_on(grid, function, unsafe_set.name)
             if isinstance(grid, Window) and ((values <= 0.0) & (values >= -HAIR * size)).any():
                 more, middle = with_nodes_around(grid)
-                values = closed(more, sampled_on(more, function, part.name), size)[middle]
+                values = closed(more, sampled_on(more, function, unsafe_set.name), size)[middle]
             else:
                 values = closed(grid, values, size)
-        return np.where(values < 0, STEEP * values, values) if part.sampling == "steep" else values
+        return np.where(values < 0, STEEP * values, values) if unsafe_set.sampling == "steep" else values
 
     def goal(self, step: int) -> FloatArray:
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
@@ -103,17 +106,21 @@ class Sampled(Statement):
         """
         t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
         values = self.target_at(t)
-        for part in self.unsafe:
-            over = self.unsafe_over(part, t - jitter, t + jitter) if jitter and part.moving else self.unsafe_at(part, t)
-            values = np.maximum(values, -grid.lift(over, part.axes))
-        if self.stays:
+        for unsafe_set in self.unsafe:
+            g = (
+                self.unsafe_over(unsafe_set, t - jitter, t + jitter)
+                if jitter and unsafe_set.moving
+                else self.unsafe_at(unsafe_set, t)
+            )
+            values = np.maximum(values, -grid.lift(g, unsafe_set.axes))
+        if self.has_no_target:
             values = np.maximum(values, -grid.to_ends("unsafe"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:
         """Level-set function of the target, in a shape that broadcasts to the grid's; -inf where there is none."""
         grid, target = self.grid, self.target
-        if self.stays:
+        if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)
         found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
         return grid.lift(found, target.axes)
@@ -136,10 +143,10 @@ class Sampled(Statement):
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
-        for part in self.unsafe:
-            for begin, end in pairwise(firsts) if part.moving else [(0, len(times))]:
-                at = wrapped[:, begin:end].take(part.axes, axis=2).reshape(-1, len(part.axes))
-                value = part.level_set(at, times[begin]).reshape(len(points), end - begin)
+        for unsafe_set in self.unsafe:
+            for begin, end in pairwise(firsts) if unsafe_set.moving else [(0, len(times))]:
+                at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))
+                value = unsafe_set.level_set(at, times[begin]).reshape(len(points), end - begin)
                 np.minimum(out[:, begin:end], value, out=out[:, begin:end])
         return out
 
@@ -150,7 +157,7 @@ class Sampled(Statement):
         """
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
-        return lost if within or self.stays else lost | (self.target_value(points, t) > 0.0)
+        return lost if within or self.has_no_target else lost | (self.target_value(points, t) > 0.0)
 
 
 @dataclass(frozen=True)
@@ -164,8 +171,8 @@ class OnWindow(Sampled):
         return self.whole.half_widths
 
     @property
-    def spread(self) -> FloatArray:
-        return self.whole.spread
+    def error_growth(self) -> FloatArray:
+        return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
         if self.dynamics.timed or self.dynamics.stateless:

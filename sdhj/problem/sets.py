@@ -217,6 +217,7 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
+    """Two axes of the grid; ValueError otherwise."""
     if len(pair := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return pair

@@ -15,7 +15,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, TargetSet, UnsafeSet
-from sdhj.problem.steepness import carried, rates
+from sdhj.problem.steepness import growth_bound, rates
 
 FOREVER = 1000  # steps at most for a problem without a number of steps
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
@@ -44,7 +44,7 @@ class Statement:
         return self.steps or FOREVER
 
     @property
-    def stays(self) -> bool:
+    def has_no_target(self) -> bool:
         """Whether there is no target, so that the task is only to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
 
@@ -71,17 +71,19 @@ class Statement:
         if not sensing:
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
-        box = carried(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
+        box = growth_bound(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
         if sensing.memory:
-            return box, self.spread - push * sensing.hold(self.delta)[0]
-        return box, box + carried(slope, jumps, box, self.delta + 2 * sensing.jitter)
+            return box, self.error_growth - push * sensing.hold(self.delta)[0]
+        return box, box + growth_bound(slope, jumps, box, self.delta + 2 * sensing.jitter)
 
     @kept
-    def spread(self) -> FloatArray:
+    def error_growth(self) -> FloatArray:
         """By how much more than E a state of c +- E is off where c alone is led, an interval later: (ndim,)."""
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
-        box = carried(slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay)
-        return carried(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
+        box = growth_bound(
+            slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay
+        )
+        return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
         """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
@@ -91,22 +93,22 @@ class Statement:
             self._intervals[step] = Interval(self.grid, self.dynamics, self.span(step)[0], *lasts, self.half_widths[1])
         return self._intervals[step]
 
-    def moves(self, part: UnsafeSet) -> bool:
+    def moves(self, unsafe_set: UnsafeSet) -> bool:
         """Whether the avoid tubes of an unsafe set differ from step to step."""
-        return part.moving or self.dynamics.timed
+        return unsafe_set.moving or self.dynamics.timed
 
-    def avoid_axes(self, part: UnsafeSet) -> tuple[int, ...]:
+    def avoid_axes(self, unsafe_set: UnsafeSet) -> tuple[int, ...]:
         """The axes on which the avoid game of an unsafe set is solved: the set's, and those their velocities depend on.
 
         Also those with safe ends, because a state that has left through one can no longer collide.
         """
         safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
-        return self.interval(0).closed({*part.axes, *np.flatnonzero(safe).tolist()})
+        return self.interval(0).self_contained({*unsafe_set.axes, *np.flatnonzero(safe).tolist()})
 
     @cached_property
-    def timeless(self) -> bool:
+    def time_invariant(self) -> bool:
         """Whether nothing depends on time: not the dynamics, the target or an unsafe set."""
-        return not (self.dynamics.timed or self.target.moving or any(part.moving for part in self.unsafe))
+        return not (self.dynamics.timed or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe))
 
     @property
     def opaque(self) -> dict[str, str]:
@@ -127,9 +129,9 @@ class Statement:
         """All functions of the problem, by the names that files give them."""
         dynamics = self.dynamics
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
-        named |= {"bounds": dynamics.bounds, "target": None if self.stays else self.target.level_set}
-        for place, part in enumerate(self.unsafe):
-            named |= {f"unsafe {place}": part.level_set, f"swept {place}": part.swept}
+        named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
+        for i, part in enumerate(self.unsafe):
+            named |= {f"unsafe {i}": part.level_set, f"swept {i}": part.swept}
         return {name: part for name, part in named.items() if part is not None}
 
     @property
@@ -143,7 +145,9 @@ class Statement:
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
         sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
-        target = [] if self.stays else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
+        target = (
+            [] if self.has_no_target else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
+        )
         return {
             "delta": self.delta,
             "steps": self.steps,

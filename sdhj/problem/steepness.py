@@ -85,6 +85,7 @@ def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
+    """An upper bound on |node| over the box [low, high], by intervals on smaller and smaller boxes."""
     if one.op == "const":
         return abs(float(one.value))
     formula = Formula((one,), len(low))
@@ -129,7 +130,7 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 
 
 def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """What black boxes add to A and b."""
+    """The terms of A and b that black boxes add, from what is declared of them."""
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
     opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
@@ -150,7 +151,7 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
     return slope, push
 
 
-def carried(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
+def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
     """Solution w(duration) of dw/dt = slope w + push, w(0) = box, (ndim,), by a series without negative terms."""
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])

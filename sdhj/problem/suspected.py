@@ -27,7 +27,7 @@ def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
 def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """A target that is all but a bounded region: the sign of its level-set function may be turned."""
     grid = problem.grid.subgrid(problem.target.axes)
-    if problem.stays or all(grid.periodic):
+    if problem.has_no_target or all(grid.periodic):
         return
     inside = problem.target.level_set(grid.points(), problem.time(0)).reshape(grid.shape) <= 0
     ends = [inside.take(end, axis) for axis in range(grid.ndim) if not grid.periodic[axis] for end in (0, -1)]
@@ -99,6 +99,7 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
 
 
 def _states(problem: ReachAvoidProblem) -> FloatArray:
+    """Random states on the grid, (TRIED_STATES, ndim)."""
     grid = problem.grid
     return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
 
@@ -106,7 +107,7 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
     """The velocities under all inputs, and the level-set functions of sets on an axis, each of states (M, ndim)."""
     yield from _velocities(problem)
-    for part in (*problem.unsafe, *(() if problem.stays else (problem.target,))):
+    for part in (*problem.unsafe, *(() if problem.has_no_target else (problem.target,))):
         if axis in part.axes:
             yield partial(_level, problem, part)
 
@@ -119,4 +120,5 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
 
 
 def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
+    """Level-set values of a set at states (M, ndim) at the first step."""
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid

@@ -23,7 +23,7 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
     return out
 
 
-def led_into(problem: Statement, values: FloatArray) -> FloatArray:
+def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
     """Level-set function of the points that an interval has to lead to so that what follows is in {values <= 0}.
 
     That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.

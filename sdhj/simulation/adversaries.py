@@ -102,7 +102,7 @@ def first_moment(
 ) -> Moment:
     """An interval's first moment; `left` (M,), the steps to go at its end, is by default one fewer than `to_go`."""
     if left is None:
-        left = np.full(len(to_go), problem.steps - step - 1) if problem.stays else np.maximum(to_go, 1) - 1
+        left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
     times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
     previous, tube = np.zeros((len(states), problem.dynamics.adversaries)), partial(table.values_at, step=step + 1)
     return Moment(problem, states, inputs, to_go, step, 0, *times, previous, runs, partial(tube, within=left), rng)
@@ -120,14 +120,14 @@ def random(moment: Moment) -> FloatArray:
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 
-def _effects(moment: Moment, part: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
+def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
     """The level-set function g of an unsafe set at `states`, and its change by each component of v; all (M,).
 
     push (M, ndim, D) is where each component of v, set to its bound, moves the states, one at a time.
     """
-    touching = np.flatnonzero([push[:, list(part.axes), d].any() for d in range(push.shape[2])]).tolist()
+    touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
-    value, *moved = moment.problem.value_of(part, trials, t).reshape(-1, len(states))
+    value, *moved = moment.problem.value_of(unsafe_set, trials, t).reshape(-1, len(states))
     change = dict(zip(touching, moved, strict=True))
     return [value, *(change[d] - value if d in change else np.zeros(len(states)) for d in range(push.shape[2]))]
 
@@ -159,8 +159,8 @@ def worst(moment: Moment) -> FloatArray:
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
     corners = at_vertices(predicted, np.moveaxis(push, 2, 0))
     danger = np.full(corners.shape[:2], -np.finfo(np.float64).max)  # vertices first: so the maxima below are fast
-    for part in moment.problem.unsafe:
-        value, *changes = _effects(moment, part, predicted, end, push)
+    for unsafe_set in moment.problem.unsafe:
+        value, *changes = _effects(moment, unsafe_set, predicted, end, push)
         danger = np.maximum(danger, -at_vertices(value, changes))
     score = np.maximum(moment.tube(corners.swapaxes(0, 1)).T, danger)
     worst_of_all = np.argmax(np.where(score == score.max(axis=0), danger, -np.inf), axis=0)

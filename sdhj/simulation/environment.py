@@ -96,19 +96,25 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         self.state, self.now = states[0], end
         if ended[0] != UNDECIDED:
             self.outcome = OUTCOMES[ended[0]]
-        elif end == self.table.steps if problem.stays else problem.target_value(states, problem.time(end))[0] <= 0:
+        elif (
+            end == self.table.steps
+            if problem.has_no_target
+            else problem.target_value(states, problem.time(end))[0] <= 0
+        ):
             self.outcome = "reached"
         elif end == self.table.steps:
             self.outcome = "late"
-        over, late = self.outcome != "", self.outcome == "late"
+        finished, late = self.outcome != "", self.outcome == "late"
         info = self._info() | {"applied": applied, "overruled": applied != int(action)}
-        return self._observed(), REWARDS[self.outcome], over and not late, late, info
+        return self._observed(), REWARDS[self.outcome], finished and not late, late, info
 
     def _observed(self) -> FloatArray:
+        """The observation: the state, wrapped and clipped to the grid, and the step."""
         state = self.table.grid.wrapped(self.state[None])[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
+        """The outcome, which actions are safe, and whether the table promises anything."""
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}

@@ -34,7 +34,7 @@ def play_interval(
         clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "unsafe")] = OFF
-        if begun.problem.stays:
+        if begun.problem.has_no_target:
             ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)

@@ -78,9 +78,11 @@ class Commanded(Controller):
     """A controller that answers with what the filter makes of a reckless commander."""
 
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
+        """The inputs that the filter applies for the wanted ones: (M,)."""
         return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
 
     def wanted(self, batch: Batch) -> FloatArray:
+        """The input that drives at what is unsafe, for each state: (M,)."""
         return reckless(self.problem, batch.states, batch.step)
 
 
@@ -88,6 +90,7 @@ class Fleeing(Commanded):
     """Behind the filter, who keeps farthest from the boundary, and may so be driven to where the set closes."""
 
     def wanted(self, batch: Batch) -> FloatArray:
+        """The input of least margin, which keeps far from the boundary: (M,)."""
         return batch.margins.argmin(axis=1)
 
 
@@ -99,11 +102,13 @@ def played(
 
 
 def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
+    """Runs from states drawn in the tube against an adversary: how many are lost, and in which ways."""
     table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
+        """Note where a run first touches an unsafe set or leaves the grid."""
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "unsafe")):
             at = moment.time + moment.duration
             places.setdefault(int(moment.runs[row]), _where(table, states[row], at, bool(clearance[row] <= 0)))
@@ -117,7 +122,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
         for run, outcome in zip(lost.tolist(), outcomes[lost].tolist(), strict=True)
     )
     problem = table.problem
-    outside = np.ones(runs, np.bool_) if problem.stays else problem.target_value(starts, problem.time(0)) > 0
+    outside = np.ones(runs, np.bool_) if problem.has_no_target else problem.target_value(starts, problem.time(0)) > 0
     left_it = int(outside[lost].sum())
     advice = ""
     if ways:
@@ -134,7 +139,7 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
-    low, high = problem.interval(0).reachable(states)
+    low, high = problem.interval(0).reachable_boxes(states)
     ends = states[:, None, None] + np.where(corners, high[:, :, None], low[:, :, None])
     values = problem.target_value(ends.reshape(-1, problem.grid.ndim), problem.time(1))
     return bool((values.reshape(*ends.shape[:3]).max(axis=2) <= 0).any())
@@ -156,11 +161,15 @@ def _gaps(table: Table) -> str:
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """What would reduce the losses, in a sentence or two."""
+    """A sentence or two on how the losses may be reduced."""
     problem, grid, said = table.problem, table.grid, []
-    if sum(ways.values()) >= ALARMING * runs and (apart := _gaps(table)):
-        return f'{apart}; or method="certified", which proves what it promises'
-    blunt = [part.name for part in problem.unsafe if part.sampling == "nodes" and f"collided with {part.name}" in ways]
+    if sum(ways.values()) >= ALARMING * runs and (remedy := _gaps(table)):
+        return f'{remedy}; or method="certified", which proves what it promises'
+    blunt = [
+        unsafe_set.name
+        for unsafe_set in problem.unsafe
+        if unsafe_set.sampling == "nodes" and f"collided with {unsafe_set.name}" in ways
+    ]
     if blunt and not problem.dynamics.stateless:
         said.append(f'sampling="steep" of {", ".join(blunt)}')
     interval, corner = problem.interval(0), np.array(grid.lower)[None]
@@ -179,31 +188,32 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
 def judged_at_the_end(table: Table) -> dict[str, Any]:
     """Check a solved table by simulation: warn of an empty tube or broken promises; returns entries for its details."""
     share = table.fraction()
-    if share < NEARLY_EMPTY or (not table.problem.stays and share <= table.fraction(within=0)):
+    if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(_emptied(table, share))
     if share < NEARLY_EMPTY:
         return {}
-    stays, mean = table.problem.stays and table.details.get("endless"), max(table.steps / 2, 1)
+    has_no_target, mean = table.problem.has_no_target and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
-    if stays:
+    if has_no_target:
         return _judged_for_ever(table, runs)
-    runs = MOST_PLAYED if (apart := _gaps(table)) else runs
+    runs = MOST_PLAYED if (remedy := _gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
+        """The worst adversary, which keeps its decision for `DECIDES` substeps."""
         again = moment.substep % DECIDES == 0
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
     found = played(table, runs, play if table.problem.sensing else worst)
-    if found.alarming or (apart and found.lost >= ALARMING * found.runs):
+    if found.alarming or (remedy and found.lost >= ALARMING * found.runs):
         tell(found.finding("of what this table promises "))
     counts = {name: getattr(found, name) for name in ("runs", "lost", "outside", "outside_lost")}
     return {"played": counts | {"ways": dict(found.ways)}}
 
 
 def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
-    """As `judged_at_the_end`, for ever: a greedy adversary against the controller, and against the filter.
+    """Check by simulation a table for ever: a greedy adversary against the controller and the filter.
 
     Behind the filter stands a commander who drives at what must not be touched, and one who flees.
     """
@@ -227,7 +237,7 @@ def _emptied(table: Table, share: float) -> Finding:
     """An empty tube: which unsafe set, inputs or projection may be the cause."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
-    message += "" if problem.stays else ", no more than the target itself" if share else ""
+    message += "" if problem.has_no_target else ", no more than the target itself" if share else ""
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (EMPTIED_STATES, grid.ndim))
     clear = problem.unsafe_value(states, problem.time(0)) > 0
     hazards = table.hazards(states[clear], 0) if clear.any() else np.empty((0, 1))
@@ -236,13 +246,15 @@ def _emptied(table: Table, share: float) -> Finding:
         message += ": the projections may be too conservative for this problem; "
         return Finding(message, share, 'try method="hji"')
     if ways <= NEARLY_EMPTY:
-        names = ", ".join(repr(part.name) for part in problem.unsafe) or "the unsafe ends of the grid"
+        names = ", ".join(repr(unsafe_set.name) for unsafe_set in problem.unsafe) or "the unsafe ends of the grid"
         message += f": no input stays clear of {names} for one interval; "
         return Finding(message, share, "use a shorter delta or other inputs")
     gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
-    but = "hardly from any for all steps" if problem.stays else gains
+    but = "hardly from any for all steps" if problem.has_no_target else gains
     message += f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; "
     less = "a smaller error, delay or jitter, " if problem.sensing else ""
-    outside = np.empty(0) if problem.stays else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
-    nodes = "more nodes or " if problem.stays or _leads_in(problem, outside) else "a smaller disturbance or "
+    outside = (
+        np.empty(0) if problem.has_no_target else states[clear & (problem.target_value(states, problem.time(0)) > 0)]
+    )
+    nodes = "more nodes or " if problem.has_no_target or _leads_in(problem, outside) else "a smaller disturbance or "
     return Finding(message, share, f"use {less}stronger inputs, {nodes}another delta")

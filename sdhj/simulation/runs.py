@@ -87,9 +87,9 @@ def score_interval(count: int, runs: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-def outcome_name(outcome: str, stays: bool) -> str:
-    """What an outcome is called where people read it: without a target, nothing is reached."""
-    return "stayed clear" if stays and outcome == "reached" else outcome
+def outcome_name(outcome: str, has_no_target: bool) -> str:
+    """An outcome as people read it: without a target, nothing is reached."""
+    return "stayed clear" if has_no_target and outcome == "reached" else outcome
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Report:
     outcomes: FloatArray = field(repr=False)
     steps: FloatArray = field(repr=False)
     seconds: float
-    stays: bool = False
+    has_no_target: bool = False
 
     def __post_init__(self) -> None:
         read_only((self.starts, self.outcomes, self.steps))
@@ -141,11 +141,11 @@ class Report:
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:
             rate, low, high = (100 * share for share in (self.rate(outcome), *self.interval(outcome)))
-            name, count = outcome_name(outcome, self.stays), self.counts[outcome]
+            name, count = outcome_name(outcome, self.has_no_target), self.counts[outcome]
             lines.append(f"{name:<13}{count:>10}{rate:>9.3f}%   {low:.3f}% to {high:.3f}%")
         reached = self.steps[self.outcomes == OUTCOMES.index("reached")]
         if reached.size:
-            done = outcome_name("reached", self.stays) + (" for" if self.stays else " after")
+            done = outcome_name("reached", self.has_no_target) + (" for" if self.has_no_target else " after")
             lines.append(f"{done} {reached.mean():.2f} steps on average, {reached.max()} at most")
         lines.append(f"took {self.seconds:.1f} s")
         return "\n".join(lines)
@@ -196,6 +196,7 @@ def simulate(
     began: list[float] = []
 
     def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
+        """Record time, state, disturbance, and at the begin of an interval the input."""
         seen.append((moment.time + moment.duration, states[0], v[0]))
         if moment.substep == 0:
             began.append(moment.time)
@@ -256,6 +257,7 @@ def monte_carlo(
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Starts, outcomes and numbers of steps of one chunk of runs."""
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
         return (starts, *rollouts(controller, starts, play, rng, steps=length, sensing=sensing))
 
@@ -272,12 +274,12 @@ def monte_carlo(
         rule=named(controller.rule),
         method=controller.table.method,
         seed=seed,
-        counts={outcome: int((outcomes == place).sum()) for place, outcome in enumerate(OUTCOMES)},
+        counts={outcome: int((outcomes == i).sum()) for i, outcome in enumerate(OUTCOMES)},
         starts=starts,
         outcomes=outcomes,
         steps=taken,
         seconds=time.perf_counter() - began,
-        stays=controller.problem.stays,
+        has_no_target=controller.problem.has_no_target,
     )
 
 
@@ -285,8 +287,8 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
     """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
     table = controller.table
     if steps is None and table.details.get("endless"):
-        return FOREVER_PLAYED if table.problem.stays else table.steps
-    if steps is not None and not table.problem.timeless:
+        return FOREVER_PLAYED if table.problem.has_no_target else table.steps
+    if steps is not None and not table.problem.time_invariant:
         raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")
     return None if steps is None else whole("steps", steps, least=1)
 
@@ -305,6 +307,7 @@ def check_controller(given: Any) -> None:
 
 
 def adversary_of(adversary: str | Adversary) -> Adversary:
+    """An adversary by its name, or itself; ValueError for an unknown name."""
     if callable(adversary):
         return adversary
     if not isinstance(adversary, str) or adversary not in ADVERSARIES:
@@ -329,8 +332,10 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         missing -= len(inside)
         if missing == 0:
             return np.concatenate(found)
-    stays = controller.problem.stays
-    advice = "stronger inputs, more nodes or fewer steps" if stays else "more steps or nodes, or a larger target"
+    has_no_target = controller.problem.has_no_target
+    advice = (
+        "stronger inputs, more nodes or fewer steps" if has_no_target else "more steps or nodes, or a larger target"
+    )
     raise ValueError(
         f"the tube of step 0 within {steps} steps is empty or tiny (its share of the grid is "
         f"{controller.table.fraction(start=0, within=steps):.2g}), so no run can start from it; use {advice}"

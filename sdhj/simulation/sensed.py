@@ -70,16 +70,19 @@ class _Runs:
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
+            """The predictions from measurements that are off by `off` (M, ndim)."""
             seen = states + off
             found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
-            return table.carried_on(known[0], before, known[1], found)[0] if known else found
+            return table.next_points(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
+            """The inputs that the controller chooses from such measurements, and the steps to go."""
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
             return chosen, batch.steps_to_go
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
+            """Values of the next tube with so many steps left at points (M, ndim): (M,)."""
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
         starting = states if begun else predicted(problem, states, before, step)
@@ -102,8 +105,8 @@ class _Runs:
     def interval(self, number: int, last: bool) -> None:
         """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
         problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
-        reached = np.full(alive.size, problem.stays and last)
-        if alive.size and not problem.stays:
+        reached = np.full(alive.size, problem.has_no_target and last)
+        if alive.size and not problem.has_no_target:
             reached = problem.target_value(self.states[alive], problem.time(number)) <= 0
             if problem.sensing:  # the robot has to know; with jitter the target stands still
                 known = self.controller.batch(self.predictions[alive[reached]], step).steps_to_go == 0

@@ -43,8 +43,14 @@ def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
     if (found := vars(problem).get("_dangers")) is None:
         found = [
-            Danger(axes := problem.avoid_axes(part), problem.moves(part), problem, part, (slice(None),) * len(axes))
-            for part in problem.unsafe
+            Danger(
+                axes := problem.avoid_axes(unsafe_set),
+                problem.moves(unsafe_set),
+                problem,
+                unsafe_set,
+                (slice(None),) * len(axes),
+            )
+            for unsafe_set in problem.unsafe
         ]
         unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
         found += [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
@@ -62,10 +68,10 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
     return found
 
 
-def never_felt(part: UnsafeSet) -> Finding:
+def never_met(unsafe_set: UnsafeSet) -> Finding:
     """An unsafe set that no node is in danger of."""
     return Finding(
-        f"no node is ever in danger of the unsafe set {part.name!r}, so the table ignores it. ",
+        f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
         0.0,
         "It lies between the nodes (use more nodes, or enlarge the set), or is out of reach",
         UserWarning,
@@ -85,9 +91,9 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     widened = np.array([more * (i == place) for i in range(len(axes))])
     # a state that leaves through a safe end is out of danger here too
     ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
-    rim = [
+    padding = [
         (a + more * (i == place and ends[i][0] == "safe"), b + more * (i == place and ends[i][1] == "safe"))
-        for i, (a, b) in enumerate(grid.rim)
+        for i, (a, b) in enumerate(grid.padding)
     ]
     longer = Grid(
         (np.array(grid.lower) - widened * grid.spacing).tolist(),
@@ -98,7 +104,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         ends,
     )
     wide = ReachAvoidProblem(
-        grid=Rimmed(longer, rim) if np.any(rim) else longer,
+        grid=Rimmed(longer, padding) if np.any(padding) else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

@@ -3,7 +3,7 @@
 The recursion is a function of the sets: the entry (k, n) follows from (k, n - 1), (k + 1, n - 1) and the avoid tubes
 of step k. Where these have, to the last bit, the values that they had in an earlier solve with the same grid, dynamics
 and method, so has the entry, and it is copied. Differences are looked for in *planes*, the nodes of the last two axes,
-in which the kernels of the games run through a grid: a mask (*grid.shape[:-2]) says which planes are meant.
+in which the kernels of the games run through a grid: a choice (*grid.shape[:-2]) says which planes are meant.
 
 What differs spreads as far as a stage of the Runge-Kutta scheme reads (`Scheme.reads`), and shifts and maxima over
 boxes do (`nodes_read`); in the moving frame, whose PDE was kept, only as far as its solution does differ.
@@ -46,11 +46,12 @@ class Kept:
 
     @property
     def nbytes(self) -> int:
+        """Bytes of the arrays that are kept."""
         return sum(one.nbytes for one in chain(*self.each.values(), self.still.values()))
 
 
 def meaning(function: Any) -> Meaning:
-    """What a function computes, so that two with equal ones have equal values; a black box equals nothing."""
+    """A key of what a function computes: equal keys, equal values; a black box equals nothing."""
     if function is None:
         return ()
     return function.meaning if isinstance(function, Formula) else (object(),)
@@ -62,7 +63,7 @@ def meaning_of_set(part: Any) -> Meaning:
 
 
 def meaning_around(problem: ReachAvoidProblem) -> Meaning:
-    """What avoid tubes, and games of one interval, depend on besides the sets."""
+    """A key of all that avoid tubes and games of one interval depend on, besides the sets."""
     dynamics, sensing = problem.dynamics, tuple(map(str, vars(problem.sensing).items()))
     inputs = problem.inputs.shape, problem.inputs.tobytes()
     return problem.grid, problem.delta, problem.view_time, sensing, inputs, tuple(map(meaning, dynamics.parts))
@@ -77,8 +78,8 @@ def differing(now: FloatArray, then: FloatArray) -> FloatArray:
 @lru_cache(maxsize=64)
 def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
     """Which nodes of an axis are at most `by` apart: (nodes, nodes), 1 or 0."""
-    apart = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
-    return ((np.minimum(apart, nodes - apart) if periodic else apart) <= by).astype(np.float32)
+    distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
+    return ((np.minimum(distance, nodes - distance) if periodic else distance) <= by).astype(np.float32)
 
 
 def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
@@ -88,8 +89,8 @@ def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
     return np.asarray(_neighbours(n, grid.periodic[axis], by) @ lines > 0).reshape(planes.shape)
 
 
-def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
-    """What some stages make of a mask of planes: those that read a marked one, along one axis in each stage.
+def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
+    """The planes that read a marked one within some stages, along one axis in each stage.
 
     By symmetry also what they read if they are marked.
     """
@@ -100,7 +101,7 @@ def spread(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArra
     return planes
 
 
-def carried_on(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
+def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
     """The planes that read a marked one in a maximum over boxes that lead so many cells along each axis."""
     for axis in range(planes.ndim):
         planes = _beside(grid, planes, axis, nodes_read(cells[axis]))
@@ -138,7 +139,7 @@ class Patch:
         """
         lead = self.changed.ndim
         around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
-        planes = spread(grid, around, *reads) | carried_on(grid, around, cells[0])
+        planes = within_stages(grid, around, *reads) | within_boxes(grid, around, cells[0])
         was = self.was_still
         if was is None or planes.all():
             still = solve(None)
@@ -149,7 +150,7 @@ class Patch:
                 still.reshape(shape)[rest] = was.reshape(shape)[rest]
         self.still, moved = still, planes if was is None else differing(still, was)
         inner = tuple(slice(n, n + m) for n, m in zip(past, self.changed.shape, strict=False))
-        self.rows = self.besides | carried_on(grid, moved, cells[1])[inner]
+        self.rows = self.besides | within_boxes(grid, moved, cells[1])[inner]
         return still
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
@@ -181,22 +182,26 @@ class Former:
         self.table, self.problem, was = table, problem, table.problem
         self.kept: Kept = table.reusable
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
-        self.same_target = was.stays == problem.stays and (
-            problem.stays or meaning_of_set(was.target) == meaning_of_set(problem.target)
+        self.same_target = was.has_no_target == problem.has_no_target and (
+            problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.has_rows = self.alike and was.stays == problem.stays and not (was.stays and table.details.get("endless"))
+        self.has_rows = (
+            self.alike
+            and was.has_no_target == problem.has_no_target
+            and not (was.has_no_target and table.details.get("endless"))
+        )
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
         self.each: dict[Meaning, list[FloatArray]] = {}
         self.still: dict[tuple[int, int], FloatArray] = {}
         self._differing: dict[tuple[int, int, int], FloatArray] = {}
-        self._walls: dict[int, FloatArray] = {}
+        self._avoid_bounds: dict[int, FloatArray] = {}
 
     # ---- avoid tubes
 
     @staticmethod
     def key(danger: Any) -> Meaning:
-        """What the avoid tubes of one set depend on, in problems that are alike."""
+        """A key of all that the avoid tubes of one set depend on, in problems that are alike."""
         return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.part)
 
     def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
@@ -222,7 +227,7 @@ class Former:
     # ---- rows of the recursion
 
     def patch(self, table: Any, step: int, within: int) -> Patch | None:
-        """What of an entry of the table that is being filled in differs; None where nothing was like it.
+        """The patch of an entry that is being filled in: what differs; None where nothing was like it.
 
         An entry that shares its tube was made when the first that shares it was.
         """
@@ -230,9 +235,9 @@ class Former:
         if not self.has_rows or step + within > was.steps:
             return None
         made = within
-        while made > 1 and was.place(step, made - 1) == was.place(step, within):
+        while made > 1 and was.tube_index(step, made - 1) == was.tube_index(step, within):
             made -= 1
-        former = was.value_array(step, made), was.mask_array(step, made)
+        former = was.value_array(step, made), was.mark_array(step, made)
         besides = self._differs(table, (step, within - 1), made - 1) | self._avoid_differs(table, step, former[0])
         changed = self._differs(table, (step + 1, within - 1), made - 1)
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
@@ -259,12 +264,12 @@ class Former:
         now, then = table.avoid, self.table.avoid
         if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
             return np.ones(tube.shape[:-PLANE], bool)
-        if step not in self._walls:
-            static = self._walls.setdefault(-1, self._highest(now.static, then.static, now.static_axes))
+        if step not in self._avoid_bounds:
+            static = self._avoid_bounds.setdefault(-1, self._highest(now.static, then.static, now.static_axes))
             moving = self._highest(now.moving[step], then.moving[step], now.moving_axes)
-            self._walls[step] = np.maximum(static, moving)
-        walls = self._walls[step]
-        tells = walls > -np.inf if self.problem.stays else (walls > -np.inf) & (walls >= tube)
+            self._avoid_bounds[step] = np.maximum(static, moving)
+        bounds = self._avoid_bounds[step]
+        tells = bounds > -np.inf if self.problem.has_no_target else (bounds > -np.inf) & (bounds >= tube)
         lead = max(tube.ndim - PLANE, 0)
         return np.asarray(np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim))))
 

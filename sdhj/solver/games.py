@@ -29,7 +29,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.solver.former import Patch, carried_on, spread
+from sdhj.solver.former import Patch, within_boxes, within_stages
 from sdhj.solver.hopf_lax import Moved, maxima_over_sets, maximum_over_paths
 from sdhj.solver.schemes import (
     Scheme,
@@ -58,7 +58,8 @@ NONE: Any = MappingProxyType({})  # no axis has an entry
 class Games(Protocol):
     """The interface of a method for the recursion: the games of one interval, on the whole grid.
 
-    With a function `reaches`, as `_OnAxes` has it, reach sets come some inputs at a time, and need not be written out.
+    With a function `grouped_reach_sets`, as `_OnAxes` has it, reach sets come some inputs at a time, and need not be
+    written out.
     """
 
     @property
@@ -69,7 +70,7 @@ class Games(Protocol):
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray: ...
+    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray: ...
 
 
 class Pieces(NamedTuple):
@@ -88,6 +89,7 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
+        """Number of inputs."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
@@ -110,9 +112,9 @@ def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
     return out
 
 
-def in_eights(grid: Grid, reach: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
+def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
     """Reach sets that come one by one, (j, values), together with those next to them whose marks share a byte."""
-    for _, run in groupby(enumerate(reach), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
+    for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
 
@@ -130,8 +132,8 @@ def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...
 
 
 @dataclass(frozen=True)
-class Wall:
-    """-g of an unsafe set on the subgrid of some axes.
+class ObstacleFunction:
+    """The obstacle function -g of an unsafe set, on the subgrid of some axes.
 
     Attributes
     ----------
@@ -139,28 +141,30 @@ class Wall:
     over : callable (t0, t1) -> array
         -g of what the state must not touch at any time in [t0, t1].
     instant : bool
-        Whether `over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
+        Whether `values_over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
     """
 
     axes: Axes
-    over: Callable[[float, float], FloatArray]
+    values_over: Callable[[float, float], FloatArray]
     instant: bool
 
     @classmethod
-    def of(cls, problem: ReachAvoidProblem, part: UnsafeSet, axes: Axes) -> "Wall":
-        """The wall of an unsafe set of the problem.
+    def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
+        """The obstacle function of an unsafe set of the problem.
 
         An instantaneous set is swept over each time step, or a fast one could be missed between two of them.
         """
-        instant = part.moving and problem.view_time == "instantaneous"
+        instant = unsafe_set.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
-        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in part.axes]
+        grid, places = problem.grid.subgrid(axes), [axes.index(axis) for axis in unsafe_set.axes]
 
-        def over(t0: float, t1: float) -> FloatArray:  # on the set's own axes in memory, of which there may be fewer
-            values = -problem.unsafe_over(part, t0, t1, view_time=view_time)
+        # on the set's own axes in memory, of which there may be fewer
+        def values_over(t0: float, t1: float) -> FloatArray:
+            """-g over [t0, t1] on the subgrid, a view that is larger than what it takes in memory."""
+            values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
             return np.broadcast_to(grid.lift(values, places), grid.shape)
 
-        return cls(axes, over, instant)
+        return cls(axes, values_over, instant)
 
 
 class _OnAxes:
@@ -171,7 +175,7 @@ class _OnAxes:
     """
 
     dtype: str
-    patches = True  # whether `reaches` heeds a patch
+    patches = True  # whether `grouped_reach_sets` heeds a patch
 
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
@@ -187,12 +191,14 @@ class _OnAxes:
         """The nodes of some axes whose values are needed."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
-    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, patch: Patch | None = None
+    ) -> Iterator[Maxima | Pieces]:
         """As `reach`, of some inputs after one another at a time; of a patch where they are needed, which it learns."""
         raise NotImplementedError
 
-    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
-        """What all inputs take together by a model, `sdhj.problem.cost`: of a reach game, or with a wall an avoid game.
+    def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
+        """The cost of all inputs together (`sdhj.problem.cost`), of a reach game, or of an avoid game.
 
         `crossed` is then at least how many cells the state crosses in the interval.
         """
@@ -200,28 +206,30 @@ class _OnAxes:
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
-        for some in self.reaches(values, step):
+        for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
                 yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
+    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
         """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
-        return self.tubes(Wall.of(self.problem, part, self.problem.avoid_axes(part)), step)
+        return self.tubes(ObstacleFunction.of(self.problem, unsafe_set, self.problem.avoid_axes(unsafe_set)), step)
 
-    def tubes(self, wall: Wall, step: int) -> FloatArray:
-        """The tubes that stay clear of a wall, (L, *subgrid of wall.axes)."""
-        tubes = self.no_tubes(wall)
-        for j, tube in self.each_tube(wall, step):
+    def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
+        """The avoid tubes of an obstacle function, (L, *subgrid of obstacle.axes)."""
+        tubes = self.no_tubes(obstacle)
+        for j, tube in self.each_tube(obstacle, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
 
-    def no_tubes(self, wall: Wall) -> FloatArray:
-        """As `tubes`, of nothing to stay clear of."""
-        nodes = zip(self.problem.grid.subgrid(wall.axes).shape, self.wanted_on(wall.axes), strict=True)
+    def no_tubes(self, obstacle: ObstacleFunction) -> FloatArray:
+        """Avoid tubes with nothing to avoid: -inf, (L, *subgrid of obstacle.axes)."""
+        nodes = zip(self.problem.grid.subgrid(obstacle.axes).shape, self.wanted_on(obstacle.axes), strict=True)
         return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, a part of the tube of u_j), on the subgrid of wall.axes: the tube is the maximum of its parts."""
+    def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, a part of the tube of u_j), on the subgrid of obstacle.axes: the tube is the maximum of its
+        parts.
+        """
         raise NotImplementedError
 
 
@@ -237,7 +245,7 @@ class HJIGames(_OnAxes):
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
         self._fields: dict[tuple[int, Axes, bool, float], Velocities] = {}
-        self._room, self._begun = KEPT, problem.interval(0).begin
+        self._bytes_left, self._begun = KEPT, problem.interval(0).begin
         self._scratch: Scratch = {}
         self._groups: dict[tuple[Axes, int | None], list[tuple[list[int], Any, int]]] = {}
         if self.moving_frame:
@@ -250,7 +258,7 @@ class HJIGames(_OnAxes):
 
     @property
     def push(self) -> FloatArray:
-        """What each component of the disturbance adds to it at most, where that is constant; (axes, D)."""
+        """max |gain_id v_d| = |gain_id| bounds_d, where that is constant; (axes, D)."""
         _, gain, bounds = self.problem.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
@@ -270,7 +278,9 @@ class HJIGames(_OnAxes):
         wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
         several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
         coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
-        shrinks = self.problem.stays & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
+        shrinks = (
+            self.problem.has_no_target & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
+        )
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
     @cached_property
@@ -301,14 +311,16 @@ class HJIGames(_OnAxes):
         past = past_ends(self.problem, self.axes)
         return self.grid.continued(past) if any(past) else self.grid, past
 
-    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.reaches`; in the moving frame one PDE serves all inputs."""
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, patch: Patch | None = None
+    ) -> Iterator[Maxima | Pieces]:
+        """Reach sets of some inputs at a time; in the moving frame one PDE serves all inputs."""
         wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
             yield from self._shifts(values, step, patch)
             return
         if patch:
-            planes = patch.rows = patch.besides | spread(self.grid, patch.changed, *self._reads(step))
+            planes = patch.rows = patch.besides | within_stages(self.grid, patch.changed, *self._reads(step))
             if not planes.any():
                 return
         if groups := self.groups(self.axes):
@@ -321,7 +333,7 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages an interval has: see `spread`."""
+        """How many nodes to each side a stage reads, and how many stages an interval has: see `within_stages`."""
         if still is None:
             steps = self.steps(self.axes, step)
         else:
@@ -329,22 +341,22 @@ class HJIGames(_OnAxes):
         nodes, stages = self.scheme.reads
         return nodes, steps * stages
 
-    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
-        """As `_OnAxes.operations`: nodes x time steps x stages, and the calls of kernels."""
-        if wall and self.by_formula(axes):
-            found = self.formula.operations(axes, step, wall)
+    def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
+        """The cost of all inputs together: nodes x time steps x stages, and the calls of kernels."""
+        if avoid and self.by_formula(axes):
+            found = self.formula.operations(axes, step, avoid)
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
-        moving, timed = self.shifted and not wall, self.problem.dynamics.timed
+        moving, timed = self.shifted and not avoid, self.problem.dynamics.timed
         grid = self.around[0] if moving else self.problem.grid.subgrid(axes)
         begin = self.problem.interval(step).begin
-        if wall or timed or (self.joint and not moving):
+        if avoid or timed or (self.joint and not moving):
             steps = [self.steps(axes, step)] * self.count
         else:
             fields = (self._field(j, axes, step, begin, not moving) for j in range(1 if moving else self.count))
             known = None if moving else self.counted.get(axes)
             steps = list(known or [one.steps(grid, self.duration, self.scheme.cfl) for one in fields])
-        together = grid.size < FEW and not (self.early or timed or (self.joint and not wall))
+        together = grid.size < FEW and not (self.early or timed or (self.joint and not avoid))
         calls = sum(set(steps)) if together else sum(steps)
         self.crossed = max(self.crossed, max(steps) * self.scheme.cfl)
         more = 0.0
@@ -370,6 +382,7 @@ class HJIGames(_OnAxes):
         far = self.brought
 
         def solve(planes: FloatArray | None) -> FloatArray:
+            """Psi on some planes: by differences, and at least the maximum over what the disturbance reaches."""
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -386,10 +399,11 @@ class HJIGames(_OnAxes):
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
+        """Phi_j at the begin of the interval, by the HJI equation of game 3, for input j."""
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
-        known = self.counted.get(self.axes)
-        steps = self.steps(self.axes, step) if callable(velocities) else known[j] if known else None
+        counts = self.counted.get(self.axes)
+        steps = self.steps(self.axes, step) if callable(velocities) else counts[j] if counts else None
         given = self.grid, values, velocities, self.duration, self.scheme
         if self.early:
             return evolve_stopped(*given, self.early, steps=steps)
@@ -427,39 +441,44 @@ class HJIGames(_OnAxes):
         """The same games by the Hopf-Lax formula."""
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
-    def tubes(self, wall: Wall, step: int) -> FloatArray:
-        """As `_OnAxes.tubes`."""
-        if not self.by_formula(wall.axes):
-            return super().tubes(wall, step)
-        return self.formula.tubes(wall, step)
+    def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
+        """The avoid tubes, by the Hopf-Lax formula where it applies, else by differences."""
+        if not self.by_formula(obstacle.axes):
+            return super().tubes(obstacle, step)
+        return self.formula.tubes(obstacle, step)
 
-    def each_tube(self, wall: Wall, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `_OnAxes.each_tube`."""
-        grid, steps = self.problem.grid.subgrid(wall.axes), self.steps(wall.axes, step)
-        at = self.wall_at(wall, step, steps)
-        keywords: dict[str, Any] = {"obstacle": at if wall.instant else at(0.0), "steps": steps}
-        groups = [] if wall.instant else self.groups(wall.axes, steps)
+    def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """Yield (j, the avoid tube of u_j), by differences with -g as obstacle."""
+        grid, steps = self.problem.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
+        at = self.obstacle_at(obstacle, step, steps)
+        keywords: dict[str, Any] = {"obstacle": at if obstacle.instant else at(0.0), "steps": steps}
+        groups = [] if obstacle.instant else self.groups(obstacle.axes, steps)
         if groups:
             self.solved += self.count
             tubes = evolve_each(grid, at(0.0), groups, self.duration, self.scheme, at(0.0), self._scratch)
-            yield from enumerate(tubes[(slice(None), *self.wanted_on(wall.axes))])
+            yield from enumerate(tubes[(slice(None), *self.wanted_on(obstacle.axes))])
             return
         for j in range(self.count):
             self.solved += 1
-            tube = evolve(grid, at(0.0), self.velocities(j, wall.axes, step), self.duration, self.scheme, **keywords)
-            yield j, tube[self.wanted_on(wall.axes)]
+            tube = evolve(
+                grid, at(0.0), self.velocities(j, obstacle.axes, step), self.duration, self.scheme, **keywords
+            )
+            yield j, tube[self.wanted_on(obstacle.axes)]
 
-    def wall_at(self, wall: Wall, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The wall as a function of tau, the time left in the interval from `step`, solved in `steps` time steps."""
+    def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
+        """The obstacle function as a function of tau, the time left in the interval from `step`, solved in `steps`
+        time steps.
+        """
         t0, t1 = self.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
-            if not wall.instant:
-                return wall.over(t0, t1)
-            return wall.over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
+            """-g at tau before the interval's end, swept over one time step; or over all of it."""
+            if not obstacle.instant:
+                return obstacle.values_over(t0, t1)
+            return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
 
-        return at if wall.instant else lambda tau: at(0.0)
+        return at if obstacle.instant else lambda tau: at(0.0)
 
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
@@ -474,7 +493,7 @@ class HJIGames(_OnAxes):
             return self._field(j, axes, step, interval.begin, drift)
         if interval.begin != self._begun:
             self._fields.clear()
-            self._room, self._begun = KEPT, interval.begin
+            self._bytes_left, self._begun = KEPT, interval.begin
         return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
 
     def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
@@ -488,9 +507,9 @@ class HJIGames(_OnAxes):
             if self.problem.dynamics.timed and field.steps(own, self.duration / self.steps(axes, step), 1.0) > 1:
                 raise too_restless(self.duration)
             laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
-            if (room := self._room - field.nbytes - laid_out) < 0:
+            if (left_over := self._bytes_left - field.nbytes - laid_out) < 0:
                 return field
-            self._fields[key], self._room = field if field.coupled else field.kept(), room
+            self._fields[key], self._bytes_left = field if field.coupled else field.kept(), left_over
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
@@ -518,30 +537,34 @@ class JointGames(HJIGames):
 
     @property
     def shifted(self) -> bool:
-        """As `HJIGames.shifted`: under each input an unsafe set would move otherwise in the moving frame."""
+        """Whether the moving frame is used: never with unsafe sets, which would move with each input."""
         return super().shifted and not self.problem.unsafe
 
-    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.reaches`, level-set functions of the reach-avoid sets (Definition 4)."""
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, patch: Patch | None = None
+    ) -> Iterator[Maxima | Pieces]:
+        """Level-set functions of the reach-avoid sets (Definition 4), some inputs at a time."""
         problem, grid = self.problem, self.grid
         if self.shifted:
             yield from self._shifts(values, step)
             return
         steps = self.steps(self.axes, step)
-        walls = [Wall.of(problem, part, part.axes) for part in problem.unsafe]
-        unsafe = [(self.wall_at(wall, step, steps), wall.axes) for wall in walls]
+        obstacles = [ObstacleFunction.of(problem, unsafe_set, unsafe_set.axes) for unsafe_set in problem.unsafe]
+        unsafe = [(self.obstacle_at(obstacle, step, steps), obstacle.axes) for obstacle in obstacles]
 
         @cache
         def union(tau: float) -> FloatArray:
+            """-g of the union of all unsafe sets at tau: the maximum, on the whole grid."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for at, axes in unsafe:
                 values = np.maximum(values, grid.lift(at(tau), axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
-        obstacle = None if not walls else union if problem.view_time == "instantaneous" else union(0.0)
-        keywords: dict[str, Any] = {"obstacle": obstacle, "steps": steps}
+        all_obstacles = None if not obstacles else union if problem.view_time == "instantaneous" else union(0.0)
+        keywords: dict[str, Any] = {"obstacle": all_obstacles, "steps": steps}
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
+            """Yield (j, level-set function of the reach-avoid set) for every input."""
             for j in range(self.count):
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
@@ -573,7 +596,9 @@ class HopfLaxGames(_OnAxes):
             for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
             end = self.duration
-            whole, first, second = (np.array(interval.reached(*s)) for s in ((0, end), (0, end / 2), (end / 2, end)))
+            whole, first, second = (
+                np.array(interval.displacement_boxes(*s)) for s in ((0, end), (0, end / 2), (end / 2, end))
+            )
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
                 raise too_restless(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
@@ -583,10 +608,12 @@ class HopfLaxGames(_OnAxes):
         """How many cells along each axis values are read at most, as if of one box: each segment reads on by itself."""
         return self.cells + 2 * self.problem.interval(0).segments(self.axes).shape[1]
 
-    def reaches(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima | Pieces]:
-        """As `_OnAxes.reaches`."""
+    def grouped_reach_sets(
+        self, values: FloatArray, step: int, patch: Patch | None = None
+    ) -> Iterator[Maxima | Pieces]:
+        """Reach sets of some inputs at a time: maxima over the boxes of displacements."""
         if patch:
-            patch.rows = patch.besides | carried_on(self.grid, patch.changed, self.reads)
+            patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
             if not patch.rows.any():
                 return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
@@ -598,21 +625,21 @@ class HopfLaxGames(_OnAxes):
         else:
             yield from maxima_over_sets(self.grid, values, path[0], self.interpolation, wanted)
 
-    def tubes(self, wall: Wall, step: int) -> FloatArray:
-        """As `_OnAxes.tubes`."""
-        tubes = self.no_tubes(wall)
-        for some in self._tube_maxima(wall, step):
+    def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
+        """The avoid tubes: the maximum of -g over the boxes of each piece of the interval."""
+        tubes = self.no_tubes(obstacle)
+        for some in self._tube_maxima(obstacle, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
-    def _tube_maxima(self, wall: Wall, step: int) -> Iterator[Maxima]:
+    def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
         """Each piece of the interval takes the box that holds all states of its duration."""
-        problem, axes, wanted = self.problem, list(wall.axes), self.wanted_on(wall.axes)
+        problem, axes, wanted = self.problem, list(obstacle.axes), self.wanted_on(obstacle.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
-        whole = None if wall.instant else wall.over(times[0], times[-1])
+        whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
-            values = wall.over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
+            values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
             moved = self._around(interval, axes, piece, pieces)
             yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation, wanted)
             tick(_operations(grid, moved) + A_PIECE)
@@ -624,16 +651,19 @@ class HopfLaxGames(_OnAxes):
 
     def _moved(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """What holds the states at some times of an interval, s from its begin, ascending."""
-        boxes, halves = np.array([interval.reached(0.0, end) for end in ends])[..., axes], interval.segments(axes)
-        spread = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
-        low, high = narrowed(boxes[:, 0], boxes[:, 1], spread)
+        boxes, halves = (
+            np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
+            interval.segments(axes),
+        )
+        within_stages = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
+        low, high = narrowed(boxes[:, 0], boxes[:, 1], within_stages)
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
-    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
-        """As `_OnAxes.operations`, from what some pieces of the interval take."""
+    def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
+        """The cost of all inputs together, estimated from some pieces of the interval."""
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
-        grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if wall else self.early / self.duration)
-        if not wall and not self.early:
+        grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)
+        if not avoid and not self.early:
             return _operations(grid, self._moved(interval, some, [self.duration])) + A_PIECE
         looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
         each = [_operations(grid, self._around(interval, some, piece, pieces)) for piece in looked]

@@ -42,11 +42,11 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     shifted : whether reach sets are computed by a shift or a formula, and not by differences.
     """
     grid, axes = problem.grid, list(problem.target.axes)
-    if problem.stays or grid.subgrid(axes).size > LARGEST:
+    if problem.has_no_target or grid.subgrid(axes).size > LARGEST:
         return ""
     found: dict[int, _Gaps] = {}  # by the axis
     for step in (0, problem.most_steps // 2, problem.most_steps) if problem.target.moving else (0,):
-        for axis, here in _apart(problem, step).items():
+        for axis, here in _gaps_along(problem, step).items():
             found[axis] = _Gaps(*np.minimum(here, found.get(axis, here)).tolist())
     cells = {axis: np.array(there) / grid.spacing[axis] for axis, there in found.items()}
     with np.errstate(divide="ignore"):  # without a disturbance no number of nodes is enough
@@ -75,8 +75,8 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     )
 
 
-def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """What gaps there are along the axes that inputs move the target along; empty if none lead past it."""
+def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
+    """The gaps along the axes that inputs move the target along; empty if none lead past it."""
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _middle(problem, some, t)
@@ -85,7 +85,7 @@ def _apart(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     points = rng.uniform(grid.lower, grid.upper, (MIDDLES if count < MIDDLES else MIDDLES // 16, grid.ndim))
     points[:, axes] = middle[rng.permutation(len(middle))[np.arange(len(points)) % len(middle)]]
     interval = problem.interval(min(step, problem.most_steps - 1))
-    low, high = (end[..., axes] for end in interval.reachable(points))
+    low, high = (end[..., axes] for end in interval.reachable_boxes(points))
     push = np.broadcast_to(((high - low) / 2).max(axis=1), (len(points), len(axes)))
     moves = np.zeros((len(points), 1 + count, len(axes)))  # the first is that of the target itself
     moves[:, 1:] = interval.displacements(points)[..., axes]
@@ -114,10 +114,10 @@ def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, Flo
 
     Two are neighbours if no third is nearer to both than they are to each other (Toussaint 1980).
     """
-    apart = np.sqrt(((moves[:, :, None] - moves[:, None]) ** 2).sum(axis=3))
-    far = np.triu(apart > 0)
+    distances = np.sqrt(((moves[:, :, None] - moves[:, None]) ** 2).sum(axis=3))
+    far = np.triu(distances > 0)
     for third in range(moves.shape[1]):
-        far &= np.maximum(apart[:, :, third, None], apart[:, None, third]) >= apart * (1 - 1e-9)
+        far &= np.maximum(distances[:, :, third, None], distances[:, None, third]) >= distances * (1 - 1e-9)
     found = np.argwhere(far)
     some = found[np.sort(rng.permutation(len(found))[:MOST_PAIRS])]
     return some[:, 0], some[:, 1], some[:, 2]

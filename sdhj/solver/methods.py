@@ -14,7 +14,7 @@ from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.former import Former
 from sdhj.solver.games import HJIGames, HopfLaxGames, JointGames
-from sdhj.solver.recursion import GridSets, Sets
+from sdhj.solver.recursion import GridSets, TubeSets
 from sdhj.solver.schemes import DTYPES, Scheme
 
 
@@ -24,7 +24,7 @@ class Method(Protocol):
     @property
     def name(self) -> str: ...
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> Sets: ...
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets: ...
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class HJI(Options):
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        """The tubes as level-set functions on the grid, to be filled by `recursion`."""
         return GridSets(problem, self, former)
 
 
@@ -117,10 +118,11 @@ class HopfLax(Options):
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
-        """As `HJI.on`; a formula has no time steps to be counted."""
+        """The games on some axes; a formula has no time steps to be counted."""
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
+        """The tubes as level-set functions on the grid, to be filled by `recursion`."""
         if problem.dynamics.is_cut:
             pieces = problem.dynamics.pieces
             cause = (

@@ -39,7 +39,7 @@ from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.problem.uncertain import shrunk
-from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, Pieces, Wall, united
+from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
 from sdhj.table.table import LookupTable
@@ -110,7 +110,7 @@ class ProjectedGames:
 
     @property
     def shifted(self) -> bool:
-        """As `HJIGames.shifted`, on all subspaces."""
+        """Whether the games on all subspaces use the moving frame."""
         return all(self.on(axes).shifted for axes in self.subspaces)
 
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
@@ -119,15 +119,15 @@ class ProjectedGames:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
 
-    def operations(self, axes: Axes, step: int, wall: bool = False) -> float:
-        """As `HJIGames.operations`, on all subspaces."""
+    def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
+        """The cost of all inputs together, on all subspaces."""
         everything = tuple(range(self.problem.grid.ndim))
-        if not wall:
+        if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
         elif any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            found = self.on(everything).operations(axes, step, wall)
+            found = self.on(everything).operations(axes, step, avoid)
         else:
-            found = sum(self.on(kept).operations(kept, step, wall) for kept in self._kept(axes))
+            found = sum(self.on(kept).operations(kept, step, avoid) for kept in self._kept(axes))
         self.crossed = max([self.crossed, *(games.crossed for games in self._games.values())])
         return found
 
@@ -142,15 +142,15 @@ class ProjectedGames:
             values = most.reshape(before + after)
         return values
 
-    def reaches(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """As `HJIGames.reaches`: on the whole grid, inside the true reach sets."""
+    def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
+        """Reach sets on the whole grid, inside the true ones: the union of those on subspaces."""
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
         for axes, shape in zip(self.subspaces, shapes, strict=True):
             begin, end = end, end + math.prod(shape)
             pieces.append(flat[begin:end].reshape(shape))
-            for some in self.on(axes).reaches(self.inner_projection(values, axes), step):
+            for some in self.on(axes).grouped_reach_sets(self.inner_projection(values, axes), step):
                 these = pieces[-1][some.first : some.first + some.number]
                 if isinstance(some, Maxima):
                     some.of(into=these)
@@ -159,54 +159,56 @@ class ProjectedGames:
         yield Pieces(0, grid, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """As `HJIGames.reach`."""
-        for some in self.reaches(values, step):
+        """Yield (j, Phi_j), on the whole grid, inside the true reach set."""
+        for some in self.grouped_reach_sets(values, step):
             yield from enumerate(some.of())
 
-    def avoid(self, part: UnsafeSet, step: int) -> FloatArray:
-        """As `HJIGames.avoid`: inside the true avoid tubes, shape (L, *subgrid of problem.avoid_axes).
+    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
+        """Avoid tubes inside the true ones, (L, *subgrid of problem.avoid_axes).
 
         What one subspace keeps all of is solved on its own axes.
         """
         problem = self.problem
-        axes = problem.avoid_axes(part)
+        axes = problem.avoid_axes(unsafe_set)
         grid = problem.grid.subgrid(axes)
         if any(set(axes) <= set(subspace) for subspace in self.subspaces):
-            return self.on(tuple(range(problem.grid.ndim))).avoid(part, step)
-        wall, kept = Wall.of(problem, part, axes), self._kept(axes)
+            return self.on(tuple(range(problem.grid.ndim))).avoid(unsafe_set, step)
+        obstacle, kept = ObstacleFunction.of(problem, unsafe_set, axes), self._kept(axes)
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
+            """The outer projection of -g over [t0, t1] to the axes `keep`; sampled once for all subspaces."""
             if (t0, t1) not in sampled:  # once for all subspaces
-                sampled[t0, t1] = self.outer_projections(part, axes, wall.over(t0, t1))
+                sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
 
         if not kept:  # all that this set depends on was dropped: it is everywhere, or nowhere
-            walls = wall.over(*problem.span(step))
-            self._note_free(part, float(walls.max() < 0))
-            return np.full((len(problem.inputs), *grid.shape), walls.max(), self.dtype)
+            obstacles = obstacle.values_over(*problem.span(step))
+            self._note_free(unsafe_set, float(obstacles.max() < 0))
+            return np.full((len(problem.inputs), *grid.shape), obstacles.max(), self.dtype)
         tubes = []
         for keep in kept:
-            wall_on = Wall(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), wall.instant)  # type: ignore[misc]
-            tubes.append(self.on(keep).tubes(wall_on, step))
+            obstacle_on = ObstacleFunction(keep, lambda t0, t1, keep=keep: projected(keep, t0, t1), obstacle.instant)  # type: ignore[misc]
+            tubes.append(self.on(keep).tubes(obstacle_on, step))
         local = [tuple(axes.index(axis) for axis in keep) for keep in kept]
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """What the subspaces keep of some axes; what is part of another is left out, because it is only looser."""
+        """The axes of each subspace among some axes; one that is part of another is left out, as it is looser."""
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
-    def outer_projections(self, part: UnsafeSet, axes: Axes, wall: FloatArray) -> dict[Axes, FloatArray]:
+    def outer_projections(self, unsafe_set: UnsafeSet, axes: Axes, obstacle: FloatArray) -> dict[Axes, FloatArray]:
         """-g_p(x) = max over the dropped coordinates of -g(x, w); notes how much of the space g_p leaves free."""
         projected = {}
         for keep in self._kept(axes):
-            projected[keep] = wall.max(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
-            self._note_free(part, self.problem.grid.subgrid(keep).fraction(projected[keep] < 0))
+            projected[keep] = obstacle.max(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
+            self._note_free(unsafe_set, self.problem.grid.subgrid(keep).fraction(projected[keep] < 0))
         return projected
 
-    def _note_free(self, part: UnsafeSet, share: float) -> None:
-        place = next(i for i, known in enumerate(self.problem.unsafe) if known is part)
+    def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
+        """Note the share of a subspace that is free of an unsafe set: the largest so far."""
+        place = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
         self.free[place] = max(share, self.free.get(place, 0.0))
 
 
@@ -241,7 +243,7 @@ class ProjectedSets(GridSets):
             share of a subspace outside its outer projection.
         """
         games, problem = self.games, self.problem
-        grid, starts = problem.grid, range(1 if problem.timeless else problem.most_steps + 1)
+        grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
             whole = grid.fraction(goal <= 0)
@@ -254,7 +256,7 @@ class ProjectedSets(GridSets):
 
     def _name(self, place: int) -> str:
         """The name of an unsafe set; of several with one name, its place too."""
-        names = [part.name for part in self.problem.unsafe]
+        names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
@@ -287,6 +289,7 @@ class ProjectedSets(GridSets):
 
 
 def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
+    """The names of some axes, joined by `and`."""
     return " and ".join(names[axis] for axis in axes)
 
 
@@ -344,9 +347,10 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
+        """The tubes on the whole grid, by games on subspaces, to be filled by `recursion`."""
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
-        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.rimmed))
+        return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.padded))
 
 
 class OnSubspaces(NamedTuple):

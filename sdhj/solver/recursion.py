@@ -17,15 +17,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import Walls, add_inputs
+from sdhj.kernels.union import AvoidRows, add_inputs
 from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.uncertain import led_into, shrunk
-from sdhj.solver.avoid import dangers, never_felt, tube_of
+from sdhj.problem.uncertain import before_prediction, shrunk
+from sdhj.solver.avoid import dangers, never_met, tube_of
 from sdhj.solver.former import Former, Patch
 from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_ends
 from sdhj.solver.resolution import check_crossing, check_resolution
@@ -41,15 +41,15 @@ STEPS_COUNTED = 8  # steps at which it is looked what games cost that depend on 
 LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the first caches
 
 
-class Sets(Protocol):
+class TubeSets(Protocol):
     """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    timeless : whether nothing depends on time; there is then one row, and the entry (k, n) is the entry (0, n).
+    time_invariant : whether nothing depends on time; there is then one row, and the entry (k, n) is the entry (0, n).
     Sets for problems without a number of steps also have `filled`, the largest n that is filled in, and `changing`, the
     share of the state space that the last step changed.
     """
 
-    timeless: bool
+    time_invariant: bool
 
     def goal(self, step: int) -> None:
         """Write the entry (step, 0): the target minus the unsafe sets."""
@@ -69,7 +69,11 @@ class Sets(Protocol):
 
 def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
     """A solve without a number of steps ended while a `share` of the state space was still changing."""
-    holds = "the tube is safe for so many steps, not for ever" if problem.stays else "the tubes hold for so many steps"
+    holds = (
+        "the tube is safe for so many steps, not for ever"
+        if problem.has_no_target
+        else "the tubes hold for so many steps"
+    )
     return Finding(
         f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. ",
         share,
@@ -100,14 +104,14 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
     )
 
 
-def recursion(sets: Sets, steps: int, done: Callable[[], Any]) -> None:
+def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
     """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
 
     If nothing depends on time, one row is filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are
     (k, n) and (k, n - 1), and the entry is shared. A row with a shared entry may grow again, for example if the target
     appears late. `done` is called after each entry.
     """
-    for step in (0,) if sets.timeless else range(steps, -1, -1):
+    for step in (0,) if sets.time_invariant else range(steps, -1, -1):
         sets.goal(step)
         for within in range(1, steps - step + 1):
             if within >= 2 and sets.stopped(step + 1, within - 1):
@@ -139,12 +143,12 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
 
 def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
-    """What a solve costs by the model of `sdhj.problem.cost`, slabs with their halos; None of games that do not say."""
+    """The cost of a solve by the model of `sdhj.problem.cost`, with halos; None if games do not say it."""
     problem, slabs = plan.problem, plan.layout.slabs
     games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
-    played, steps, timed = problem.rimmed, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
+    played, steps, timed = problem.padded, problem.steps or ENDLESS_STEPS, problem.dynamics.timed
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
@@ -152,13 +156,13 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
         n = 1 if axis is None or slabs == 1 else grid.shape[axis]
         return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
 
-    tubes, once, crossed = steps if problem.timeless else steps * (steps + 1) // 2, 0.0, 0.0
+    tubes, once, crossed = steps if problem.time_invariant else steps * (steps + 1) // 2, 0.0, 0.0
     for danger, axis, _, halo, counted in plan.games:
         own = danger.problem
         playing: Any = games
         if own is not played or slabs > 1:
             playing = plan.make(own, counted=counted) if counted else plan.make(own)
-        each = [playing.operations(own.avoid_axes(danger.part), step, wall=True) for step in looked]
+        each = [playing.operations(own.avoid_axes(danger.part), step, avoid=True) for step in looked]
         once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
     whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
@@ -211,7 +215,7 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """What `add_inputs` is given of pieces on some axes, of so many inputs, besides their values.
+        """The arguments of `add_inputs` for pieces on some axes, of so many inputs, besides their values.
 
         A line of one piece on all axes is a row.
         """
@@ -236,8 +240,8 @@ class InputRows:
     def add(
         self,
         tube: FloatArray,
-        mask: FloatArray,
-        reach: Maxima | Pieces,
+        marks: FloatArray,
+        reach_sets: Maxima | Pieces,
         step: int,
         start: FloatArray,
         some: FloatArray | None = None,
@@ -246,20 +250,29 @@ class InputRows:
 
         some : the rows in which that is done, by default all.
         """
-        behind = math.prod(self.grid.shape[reach.axis + 1 :]) if isinstance(reach, Maxima) else 0
-        if isinstance(reach, Maxima) and behind % self.size:
-            reach = Pieces(reach.first, self.grid, [reach.of()], [tuple(range(self.grid.ndim))])
-        if isinstance(reach, Maxima):
-            found: tuple[Any, ...] = (reach.split, *reach.leaves)
+        behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
+        if isinstance(reach_sets, Maxima) and behind % self.size:
+            reach_sets = Pieces(reach_sets.first, self.grid, [reach_sets.of()], [tuple(range(self.grid.ndim))])
+        if isinstance(reach_sets, Maxima):
+            found: tuple[Any, ...] = (reach_sets.split, *reach_sets.leaves)
         else:
-            flat = reach.pieces[0].reshape(-1) if reach.flat is None else reach.flat
-            found = (flat, *self._lines(tuple(reach.axes), reach.number))
+            flat = reach_sets.pieces[0].reshape(-1) if reach_sets.flat is None else reach_sets.flat
+            found = (flat, *self._lines(tuple(reach_sets.axes), reach_sets.number))
         static, moving = self.static, self.tubes.moving[step]
-        walls = Walls(
+        avoid_rows = AvoidRows(
             self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
         )
         some = self.every if some is None else some
-        add_inputs(self.of(tube), self.of(mask, 1), found, reach.number, reach.first, walls, self.of(start), some)
+        add_inputs(
+            self.of(tube),
+            self.of(marks, 1),
+            found,
+            reach_sets.number,
+            reach_sets.first,
+            avoid_rows,
+            self.of(start),
+            some,
+        )
 
 
 def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
@@ -281,59 +294,59 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
 
 def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
     """Do a task and write what comes of it: the task, what `_avoid` returns, and what the ledger is to be told."""
-    felt: list[bool] = []
+    met: list[bool] = []
     if task.kind in plan.avoid:
-        values, felt = _avoid(plan, arrays, task)
+        values, met = _avoid(plan, arrays, task)
     else:
         values = (_goal if task.kind == "goal" else _extend)(plan, arrays, task)
-    return task, felt, arrays.write(task.written, values)
+    return task, met, arrays.write(task.written, values)
 
 
 def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
     """The target minus the unsafe sets, on one slab; nothing is marked."""
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
-    tube, mask = arrays.room(task.written)
+    tube, marks = arrays.buffers(task.written)
     tube[...] = shrunk(part, part.goal(task.step))
-    return [tube, mask]
+    return [tube, marks]
 
 
 def _extend(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
     """Level-set functions united by the minimum, intersected by the maximum, on one slab."""
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
-    before, played = arrays.read("tubes", task.before, runs), problem.rimmed.grid
-    values = led_into(problem, read_window(arrays, "tubes", task.after, window))
+    before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
+    values = before_prediction(problem, read_window(arrays, "tubes", task.after, window))
     if played is not problem.grid:
-        values = np.pad(values, played.rim, "edge")
-    (rows, step), (tube, mask) = _rows(plan, arrays, task), arrays.room(task.written)
-    start = np.full_like(before, np.inf) if problem.stays else before
+        values = np.pad(values, played.padding, "edge")
+    (rows, step), (tube, marks) = _rows(plan, arrays, task), arrays.buffers(task.written)
+    start = np.full_like(before, np.inf) if problem.has_no_target else before
     patch: Patch | None = plan.kept.get("patch")
-    for some in _reaches(problem, games, values, task.step, patch):
-        rows.add(tube, mask, some, step, start, rows.of_planes(patch.rows) if patch else None)
+    for some in _reach_sets(problem, games, values, task.step, patch):
+        rows.add(tube, marks, some, step, start, rows.of_planes(patch.rows) if patch else None)
         start = tube
     if patch:
-        patch.copy_rest(tube, mask)
-    if problem.stays:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
+        patch.copy_rest(tube, marks)
+    if problem.has_no_target:  # what is clear for n steps is for n - 1: so are the nodes, whatever the scheme's error
         np.maximum(tube, before, out=tube)
-    return [tube, mask]
+    return [tube, marks]
 
 
 def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
     """Whether reach sets have to be written out, to be changed."""
-    return not hasattr(games, "reaches") or problem.rimmed is not problem or bool(problem.sensing)
+    return not hasattr(games, "grouped_reach_sets") or problem.padded is not problem or bool(problem.sensing)
 
 
-def _reaches(
+def _reach_sets(
     problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
 ) -> Iterator[Maxima | Pieces]:
     """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
     if not written_out(problem, games):
-        yield from games.reaches(values, step, *[patch] * bool(patch))
+        yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
-    inner, reach = problem.rimmed.grid.inner, games.reach(values, step)
+    inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
     kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
-    yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach))
+    yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach_sets))
 
 
 def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[bool]]:
@@ -341,18 +354,18 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
 
     Returns of each game, too, whether any node is in danger.
     """
-    problem, layout, kept = plan.problem.rimmed, plan.layout, plan.layout.axes(task.kind)
+    problem, layout, kept = plan.problem.padded, plan.layout, plan.layout.axes(task.kind)
     grid = problem.grid if layout.slabs == 1 else plan.slab(task.slab)
-    (total,), felt, shape = arrays.room(task.written), list[bool](), (layout.inputs, *(grid.shape[i] for i in kept))
-    if total.shape != shape:  # with a rim
+    (total,), met, shape = arrays.buffers(task.written), list[bool](), (layout.inputs, *(grid.shape[i] for i in kept))
+    if total.shape != shape:  # with a padding
         total = np.empty(shape, plan.dtype)
     keeps = plan.former if len(plan.avoid[task.kind]) > 1 else None
     for game in plan.avoid[task.kind]:
         danger = game.danger
         games, inside = plan.play_avoid(game, task.slab)
         found = tube_of(games, danger, inside, task.step, keeps)
-        first = not felt
-        felt.append(bool(found.max() > 0))
+        first = not met
+        met.append(bool(found.max() > 0))
         if first and not keeps and found.flags.carray and (found.shape, found.dtype) == (shape, total.dtype):
             total = found
             continue
@@ -363,7 +376,7 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
     for tube in total if problem.sensing else ():
         tube[:] = shrunk(problem, tube, kept)
     inner = (slice(None) if layout.slabs > 1 else problem.grid.inner[axis] for axis in kept)
-    return [np.ascontiguousarray(total[(slice(None), *inner)])], felt
+    return [np.ascontiguousarray(total[(slice(None), *inner)])], met
 
 
 class GridMethod(Protocol):
@@ -388,7 +401,7 @@ class Slabs(NamedTuple):
 
 
 class GridSets:
-    """S_k as level-set functions on the grid: `Sets` for every method that plays its games there.
+    """S_k as level-set functions on the grid: `TubeSets` for every method that plays its games there.
 
     Parameters
     ----------
@@ -412,7 +425,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        self.problem, self.options, self.timeless = problem, dict(method.options), problem.timeless
+        self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
         self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
@@ -421,7 +434,7 @@ class GridSets:
         # none of its own, which would know `self`: the table would stay until garbage is collected
         self.run = slabs.run
         self._avoid_tubes()
-        self.table = self.arrays.table(problem, method.name, LookupTable.places(problem))
+        self.table = self.arrays.table(problem, method.name, LookupTable.unshared_index(problem))
         self.shared, self.filled, self.changing = 0, 0, 1.0
         self.shares: dict[int, float] = {}  # of the state space, without a number of steps
         self.creeping: int | None = None  # after how many steps the boundary first moved by less than CREEPING
@@ -436,30 +449,30 @@ class GridSets:
         """The plan of one slab, after the check of memory."""
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
-        number = LookupTable.rooms(problem) if problem.steps else ENDLESS_STEPS
+        number = LookupTable.most_tubes(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
         require(needed, "this solve", f"it has {why}; use {remedies}")
-        plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.rimmed))), former=former)
+        plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.padded))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem)
         return plan
 
     def _avoid_tubes(self) -> None:
         """The avoid tubes: once for static unsafe sets, for each step for moving ones."""
-        felt, looked_at = set[int](), True
+        met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
             if games and self.plan.former and (same := self._known(kind)) is not None:
                 self.arrays.arrays[kind] = same
-                felt |= {id(game.danger.part) for game in games}
+                met |= {id(game.danger.part) for game in games}
                 continue
             for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
                 found = self._do(Task(kind, step, step))
                 looked_at &= len(found) == self.plan.layout.slabs_of(kind)
-                felt |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
-        for part in self.plan.problem.rimmed.unsafe if looked_at else ():  # else an earlier solve has seen the others
-            if id(part) not in felt:
-                tell(never_felt(part))
+                met |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
+        for part in self.plan.problem.padded.unsafe if looked_at else ():  # else an earlier solve has seen the others
+            if id(part) not in met:
+                tell(never_met(part))
 
     def _known(self, kind: str) -> FloatArray | None:
         """The avoid tubes of a kind that a former solve has."""
@@ -474,21 +487,22 @@ class GridSets:
         self.tick(len(tasks) - len(todo))
         found = []
         run = self.run or (lambda tasks: (work(self.plan, self.arrays, task) for task in tasks))
-        for done, felt, digest in run(todo):
+        for done, met, digest in run(todo):
             self.arrays.enter(done.written, digest)
-            found.append(felt)
+            found.append(met)
             self.tick(1)
         return found
 
     def goal(self, step: int) -> None:
-        self._do(Task("goal", step, self.table.place(step, 0)))
+        """Write the entry (step, 0): S_k^N = L minus G."""
+        self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
     def extend(self, step: int, within: int) -> None:
-        """As `Sets.extend`."""
+        """Write the entry (step, within), on all slabs."""
         table, endless = self.table, self.problem.steps is None
         if endless:
-            require(table.tubes[0].nbytes + table.masks[0].nbytes, f"step {within}", "give a number of steps")
-        places = [table.place(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
+            require(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
+        places = [table.tube_index(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
         if self.former and patch:
@@ -499,15 +513,17 @@ class GridSets:
             self.shares[within] = table.fraction(within=within)
 
     def stopped(self, step: int, within: int) -> bool:
+        """Whether an entry equals the one before; for ever, whether its boundary has settled."""
         if self.problem.steps is None:
             motion = self.table.motion(step, within)
             if self.creeping is None and motion <= CREEPING:
                 self.creeping = within
-            return motion <= SETTLED and (not self.problem.stays or self.table.unrest(within) <= RESTLESS)
+            return motion <= SETTLED and (not self.problem.has_no_target or self.table.unrest(within) <= RESTLESS)
         one, other = (self.table.value_array(step, n) for n in (within, within - 1))
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
+        """Let an entry be the one with a step less to go."""
         self.table.share(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)
@@ -518,13 +534,13 @@ class GridSets:
         if endless:
             share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)
             settled = self.shared > 0 or motion <= SETTLED
-            table = table.settled(self.filled - QUIET if settled and not self.problem.stays else self.filled)
+            table = table.settled(self.filled - QUIET if settled and not self.problem.has_no_target else self.filled)
             if not settled:
                 tell(unsettled(self.problem, self.filled, self.changing))
-            if self.problem.stays:
+            if self.problem.has_no_target:
                 tell(worn_down(self.problem, self.shares, self.creeping))
         steps = table.steps
-        avoid = sum(steps if self.problem.moves(part) else 1 for part in self.problem.unsafe)
+        avoid = sum(steps if self.problem.moves(unsafe_set) else 1 for unsafe_set in self.problem.unsafe)
         pdes = len(self.problem.inputs) * (steps * (steps + 1) // 2 + avoid)
         found: dict[str, Any] = {
             "pdes_of_algorithm": pdes,

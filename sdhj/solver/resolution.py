@@ -40,15 +40,15 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
     """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
     what is no function of angles (`check_seams`). Sets on more nodes than `most` are not sampled."""
     check_seams(problem)
-    for part in problem.unsafe:
-        if part.sampling == "cell" or problem.grid.subgrid(part.axes).size > most:
+    for unsafe_set in problem.unsafe:
+        if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
-        known = FOUND.setdefault(part.level_set, {}) if isinstance(part.level_set, Formula) else {}
-        for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist():
-            key = part.name, part.axes, part.sampling, problem.grid, t
+        known = FOUND.setdefault(unsafe_set.level_set, {}) if isinstance(unsafe_set.level_set, Formula) else {}
+        for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist():
+            key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
             if key not in known:
-                known[key] = _hidden(problem, part, t) or _abrupt(problem, part, t)
-            if finding := known[key] or too_thin(problem, part, t):
+                known[key] = _hidden(problem, unsafe_set, t) or _abrupt(problem, unsafe_set, t)
+            if finding := known[key] or too_thin(problem, unsafe_set, t):
                 tell(finding)
                 break
 
@@ -60,10 +60,10 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     on the grid ask `check_resolution`, and whether a node is ever in danger, instead.
     """
     check_seams(problem)
-    for part in problem.unsafe:
-        times = np.linspace(0.0, problem.most_steps * problem.delta, TIMES if part.moving else 1).tolist()
-        found = next(filter(None, (_hidden(problem, part, t, ASKED) for t in times)), None)
-        tell(found or _nowhere(problem, part))
+    for unsafe_set in problem.unsafe:
+        times = np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
+        found = next(filter(None, (_hidden(problem, unsafe_set, t, ASKED) for t in times)), None)
+        tell(found or _nowhere(problem, unsafe_set))
 
 
 def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
@@ -87,7 +87,7 @@ def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
-    parts = [*([] if problem.stays else [problem.target]), *problem.unsafe]
+    parts = [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
     for part in parts:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
@@ -166,23 +166,27 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
     return None
 
 
-def _nowhere(problem: "ReachAvoidProblem", part: "UnsafeSet") -> Finding | None:
+def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
     """An unsafe set that no node is in at any time."""
-    steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if part.moving else 1).astype(int)).tolist()
+    steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
-        over = problem.unsafe_over(part, *problem.span(step)) if part.moving else problem.unsafe_at(part, 0.0)
-        if (over <= 0).any():
+        g = (
+            problem.unsafe_over(unsafe_set, *problem.span(step))
+            if unsafe_set.moving
+            else problem.unsafe_at(unsafe_set, 0.0)
+        )
+        if (g <= 0).any():
             return None
     return Finding(
-        f"the unsafe set {part.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
+        f"the unsafe set {unsafe_set.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
         0.0,
         "check its axes, its place and its units, and the sign of its level-set function (negative is inside)",
     )
 
 
-def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
+def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
     """A part of the set between the nodes, and what follows; its thickness."""
-    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
+    grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
     for axis in range(grid.ndim):
@@ -197,18 +201,18 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
     if not suspects.size:
         return None
     places = np.stack(np.unravel_index(suspects, corners.shape), axis=1) + 0.5
-    centres, reach = np.array(grid.lower) + places * spacing, spacing / 3
+    centres, radius = np.array(grid.lower) + places * spacing, spacing / 3
     for _ in range(ROUNDS):
-        points = centres[:, None] + offsets * reach
-        found = part.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(points), -1)
+        points = centres[:, None] + offsets * radius
+        found = unsafe_set.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(points), -1)
         rows, best = np.arange(len(points)), found.argmin(axis=1)
-        centres, reach, least = points[rows, best], reach / 3, found[rows, best]
+        centres, radius, least = points[rows, best], radius / 3, found[rows, best]
     deepest = int(least.argmin())
     if least[deepest] > 0:
         return None
     thickness, thick = -2 * float(least[deepest]), "its level-set function is 0, which gives no thickness,"
     use = "a distance that is negative inside, with sampling='cell', or more nodes"
-    names = [problem.grid.names[axis] for axis in part.axes]
+    names = [problem.grid.names[axis] for axis in unsafe_set.axes]
     if thickness > 0:
         needed = [int(np.ceil((hi - lo) / thickness)) + 1 for lo, hi in zip(grid.lower, grid.upper, strict=True)]
         use = f"{', '.join(f'{n} nodes along {name}' for n, name in zip(needed, names, strict=True))}, or "
@@ -216,16 +220,16 @@ def _hidden(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float, so: str =
         thick = f"it is about {thickness:.2g} thick there,"
     where = ", ".join(f"{name} = {x:.4g}" for name, x in zip(names, centres[deepest], strict=True))
     return Finding(
-        f"the unsafe set {part.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
+        f"the unsafe set {unsafe_set.name!r} hides between the nodes at {where}, t = {t:g}: {thick} and nodes are "
         f"{', '.join(f'{h:.2g}' for h in spacing)} apart, {so}. ",
         thickness,
         f"Use {use}",
     )
 
 
-def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Finding | None:
+def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """A level-set function that jumps at the set's boundary: by what part of its change there, in the median."""
-    grid, values, off = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t), list[FloatArray]()
+    grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
     for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
@@ -236,13 +240,13 @@ def _abrupt(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Findin
             one, other = here.ravel()[crossing], there.ravel()[crossing]
             places = np.stack(np.unravel_index(crossing, here.shape), axis=1).astype(float)
             places[:, axis] += one / (one - other)  # where the interpolant is zero
-            at = part.level_set(grid.wrapped(np.array(grid.lower) + places * grid.spacing), t)
+            at = unsafe_set.level_set(grid.wrapped(np.array(grid.lower) + places * grid.spacing), t)
             off.append(np.abs(at) / np.abs(one - other))
     if not off or (share := float(np.median(np.concatenate(off)))) < ABRUPT:
         return None
     return Finding(
-        f"the level-set function of {part.name!r} jumps at the set's boundary, like an indicator function, so it is "
-        "located to half a cell at best; ",
+        f"the level-set function of {unsafe_set.name!r} jumps at the set's boundary, like an indicator function, so "
+        "it is located to half a cell at best; ",
         share,
         "use a distance to the set (sdhj.UnsafeSet.from_map computes one from a map)",
     )
@@ -253,11 +257,11 @@ ROOMY = 2 * DEEP + 1  # cells, of a wall so thick that some node is that deep wh
 LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
-def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Finding | None:
+def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """A wall, three nodes along it or more, or a dot that is too thin: by its least thickness, in cells."""
-    if problem.dynamics.stateless or part.sampling == "steep":
+    if problem.dynamics.stateless or unsafe_set.sampling == "steep":
         return None
-    grid, values = problem.grid.subgrid(part.axes), problem.unsafe_at(part, t)
+    grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     cells = np.array([_thickness(grid, values, axis) for axis in range(grid.ndim)])
     thin = np.isfinite(cells)
     deepest = values
@@ -276,7 +280,7 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Findi
     if not found.any():
         return None
     place = np.unravel_index(np.where(found, cells.min(axis=0), np.inf).argmin(), grid.shape)
-    names = [problem.grid.names[axis] for axis in part.axes]
+    names = [problem.grid.names[axis] for axis in unsafe_set.axes]
     where = ", ".join(f"{name} = {grid.nodes(axis)[place[axis]]:.4g}" for axis, name in enumerate(names))
     wrong = [axis for axis in range(grid.ndim) if thin[(axis, *place)]]
     thick = [f"{float(cells[(axis, *place)]) * grid.spacing[axis]:.2g} along {names[axis]}" for axis in wrong]
@@ -286,7 +290,8 @@ def too_thin(problem: "ReachAvoidProblem", part: "UnsafeSet", t: float) -> Findi
     nodes = problem.grid.size * float(np.prod([n / grid.shape[axis] for n, axis in zip(needed, wrong, strict=True)]))
     fits = 8 * nodes * problem.most_steps < (available() or [np.inf])[0]
     return Finding(
-        f"the unsafe set {part.name!r} is too thin for the grid at {where}, t = {t:g}: it is about {', '.join(thick)} "
+        f"the unsafe set {unsafe_set.name!r} is too thin for the grid at {where}, t = {t:g}: it is about "
+        f"{', '.join(thick)} "
         "thick there, and finite differences erode a set that is not some cells thick, so the tubes may leak through "
         "it. ",
         min(float(cells[(axis, *place)]) for axis in wrong),

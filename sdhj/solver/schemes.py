@@ -31,13 +31,13 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import choice
-from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, REACH, Layout, stage
-from sdhj.problem.boxes import most_on_rim, out_of_danger
+from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, STENCIL_RADIUS, Layout, stage
+from sdhj.problem.boxes import most_on_padding, out_of_danger
 from sdhj.problem.checks import Options, option
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import MOST_STEPS, Velocities, too_fast
-from sdhj.solver.former import spread
+from sdhj.solver.former import within_stages
 
 Scratch = dict[tuple[Any, ...], FloatArray]  # by what they are for and their shape
 DTYPES = ("float32", "float64")
@@ -110,7 +110,7 @@ class Scheme(Options):
     @property
     def reads(self) -> tuple[int, int]:
         """How many nodes to each side a stage reads, along one axis at a time, and how many stages a time step has."""
-        return min(self.order, REACH), len(STAGES[self.integrator])
+        return min(self.order, STENCIL_RADIUS), len(STAGES[self.integrator])
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
@@ -133,10 +133,10 @@ def too_restless(delta: float) -> ValueError:
 def layout_of(grid: Grid, order: int) -> Layout:
     """The layout of a grid's functions for differences of some order."""
     *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
-    ghosts = min(order, REACH)
+    ghosts = min(order, STENCIL_RADIUS)
     top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
     begins = np.arange(math.prod(leading)).reshape(leading) * (rows + 2 * top) * width  # of each plane
-    near = np.empty((begins.size, grid.ndim, 2, REACH), np.int64)
+    near = np.empty((begins.size, grid.ndim, 2, STENCIL_RADIUS), np.int64)
     for axis, side, o in np.ndindex(near.shape[1:]):
         shift = (2 * side - 1) * min(o + 1, ghosts)  # a low order reads less than it is handed
         if axis < len(leading):
@@ -217,6 +217,7 @@ def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
 
 
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
+    """Velocities in the kernels' layout: constants divided by dx, or arrays with ghost nodes and 1 / dx."""
     spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
@@ -251,7 +252,7 @@ def evolve(
     steps: int | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a rim, <= `most_on_rim`.
+    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a padding, <= `most_on_padding`.
 
     Parameters
     ----------
@@ -291,7 +292,7 @@ def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tu
     if len({tuple(part.shape for part in term) for term in terms}) > 1:
         return None
     stacked = [parts[0][None] if len(parts) == 1 else np.stack(parts) for parts in zip(*terms, strict=True)]
-    return tuple(part[0] if place == 1 else part for place, part in enumerate(stacked))  # 1 / dx is that of all
+    return tuple(part[0] if i == 1 else part for i, part in enumerate(stacked))  # 1 / dx is that of all
 
 
 def evolve_each(
@@ -304,7 +305,7 @@ def evolve_each(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """As `evolve`, for many inputs at once: (L, shape).
+    """Solve the equation of `evolve` for many inputs at once: (L, *shape).
 
     groups : of inputs with one number of time steps: which they are, their velocities from `together`, and that number.
     scratch : arrays that are kept for the next call: fresh memory would cost half of the time on small grids.
@@ -328,13 +329,14 @@ def _evolved(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """As `evolve`, for `count` inputs of which terms(tau) are the velocities: (count, shape), in `scratch` if given."""
+    """The solutions for `count` inputs whose velocities are terms(tau): (count, *shape), in `scratch` if given."""
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
+        """A grid function with ghost nodes, at most `most_on_padding`; empty for None."""
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
-    phi, wall = arranged(values)[None], _over_time(obstacle, arranged)
+    phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
     if scratch is None:  # one input
         work = np.empty_like(phi)
     else:
@@ -342,17 +344,18 @@ def _evolved(
         phi, work = (scratch.setdefault((name, *shape), np.empty(shape, scheme.dtype)) for name in ("phi", "work"))
         phi[:] = first
     order, flux = choice(DIFFERENCES, scheme.order), choice(HAMILTONIANS, scheme.flux)
-    kind, most = np.dtype(scheme.dtype).type, arranged(most_on_rim(grid))
+    kind, most = np.dtype(scheme.dtype).type, arranged(most_on_padding(grid))
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        stage(source, out, wall(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
+        """One stage from tau = now to then: out = keep out + (1 - keep) (source + dt H), at least the obstacle."""
+        stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
         tick(count * grid.size + CALL)
 
     if obstacle is not None:
-        np.maximum(phi, wall(0.0), out=phi)
+        np.maximum(phi, obstacle_at(0.0), out=phi)
     phi, free = _integrate(phi, work, euler, STAGES[scheme.integrator], steps, dt)
     inner = free.ravel()[: count * grid.size]  # fresh memory would cost a tenth of a solve
     _inner(layout, phi, inner)
@@ -366,7 +369,7 @@ def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: Flo
     found = list[Layout]()
     for _ in range(steps * scheme.reads[1]):
         found.append(layout._replace(planes=np.flatnonzero(planes)))
-        planes = spread(grid, planes, layout.ghosts, 1)
+        planes = within_stages(grid, planes, layout.ghosts, 1)
     return reversed(found)
 
 
@@ -381,7 +384,7 @@ def evolve_stopped(
     obstacle: Any = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """As `evolve`, where the adversary may stop up to `early` s before the end; then nothing may depend on tau."""
+    """Solve where the adversary may stop up to `early` s before the end; nothing may depend on tau."""
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)
         values = evolve(grid, values, velocities, early, scheme, obstacle=stop)

@@ -77,7 +77,7 @@ class Plan:
     @cached_property
     def whole(self) -> Any:
         """The games of the only slab, which are not sampled each time."""
-        return self.make(self.problem.rimmed)
+        return self.make(self.problem.padded)
 
     def slab(self, number: int) -> Grid:
         """A slab without its halo."""
@@ -97,7 +97,7 @@ class Plan:
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
         """The games of an avoid game on a slab, and where in their tubes the slab is."""
         problem, inside = game.danger.problem, game.danger.inside
-        if problem is self.problem.rimmed and self.layout.slabs == 1:
+        if problem is self.problem.padded and self.layout.slabs == 1:
             return self.whole, inside
         if game.axis is None:
             return self.make(problem), inside
@@ -120,10 +120,12 @@ class Task(NamedTuple):
 
     @property
     def array(self) -> str:
+        """The array that is written."""
         return "tubes" if self.kind in ("goal", "extend") else self.kind
 
     @property
     def written(self) -> Slab:
+        """The slab that is written."""
         return Slab(self.array, self.place, self.slab)
 
 
@@ -225,6 +227,7 @@ def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatAr
 
 
 def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
+    """Part of a block whose runs may go past the upper end of a periodic axis: joined from pieces."""
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:
             parts = ((begin, whole[axis]), (0, end - whole[axis]))

@@ -14,7 +14,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape
-from sdhj.kernels.true_sets import LOOK, ONLY_LOOK
+from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
 from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -26,7 +26,7 @@ MOST_KNOWN = 1 << 26  # bytes of what look-ups read of a problem that are kept, 
 NOT_ADMISSIBLE = -1
 PROBES = 4096  # states at which the slope of a tube is found
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
-CARRIED_OFF = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
+POINT_ROUNDING = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
 PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
 
@@ -71,7 +71,7 @@ class Batch(NamedTuple):
         return self.margins if self.game is None else self.game
 
     @property
-    def left(self) -> FloatArray:
+    def steps_after(self) -> FloatArray:
         """Steps to go after this interval, by which the inputs of admissible states were judged: (M,)."""
         return np.maximum(self.steps_to_go, self.within) - 1
 
@@ -111,6 +111,7 @@ class Table:
 
     @property
     def grid(self) -> Grid:
+        """The problem's grid."""
         return self.problem.grid
 
     @property
@@ -120,6 +121,7 @@ class Table:
 
     @property
     def steps(self) -> int:
+        """N, the number of steps."""
         return self.problem.most_steps
 
     def __repr__(self) -> str:
@@ -177,7 +179,7 @@ class Table:
         left = steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
 
-    def place(self, start: int, within: int | None) -> int:
+    def tube_index(self, start: int, within: int | None) -> int:
         """Position of the tube (start, within) among the stored ones."""
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
@@ -252,41 +254,44 @@ class Table:
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """As `batch`, of states that have been checked, and that nobody writes.
+        """The answers for states (M, ndim) that have been checked, and that nobody writes.
 
         scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
-        within = steps - step if problem.stays else min(within, steps - step)
+        within = steps - step if problem.has_no_target else min(within, steps - step)
         count, shape = len(states), (len(states), len(problem.inputs))
         to_go, best = np.empty(count, np.int64), np.empty(count, np.int64)
         game = np.empty(shape) if self.game >= 0 else None
         batch = Batch(states, step, within, to_go, np.empty(shape, np.bool_), np.empty(shape), best, game)
         scores = batch.depths if scores is None else scores
-        share_out(self.grid, states, lambda rows: self._decide(batch, scores, LOOK, rows))
-        if problem.stays:
+        share_out(self.grid, states, lambda rows: self._decide(batch, scores, TRUE_SETS_TOO, rows))
+        if problem.has_no_target:
             batch.steps_to_go[batch.steps_to_go >= 0] = steps - step
         return batch
 
-    def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
-        """Fill in some rows of a batch, as `sdhj.kernels.lookup.decide` does; looks: `LOOK` or `ONLY_LOOK`."""
+    def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
+        """Fill in some rows of a batch, as `sdhj.kernels.lookup.decide` does; checks: `TRUE_SETS_TOO` or
+        `TRUE_SETS_ONLY`.
+        """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
-        if looks == LOOK:
+        if checks == TRUE_SETS_TOO:
             self._answer(batch, rows, ends)
-        settle(self, batch, rows, ends, scores, looks)
+        settle(self, batch, rows, ends, scores, checks)
 
-    def known(self, step: int) -> Tape:
-        """What compiled look-ups read of the problem at a step (`prepared`), with a copy of its maps."""
-        place = self.steps * (step == self.steps) if self.problem.timeless else step
-        if (found := self._known.get(place)) is None:
-            if sum(one.floats.nbytes for one in [*self._known.values()]) > MOST_KNOWN:
-                self._known.clear()
-            found = self._known[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
+    def packed_at(self, step: int) -> Tape:
+        """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps."""
+        place = self.steps * (step == self.steps) if self.problem.time_invariant else step
+        if (found := self._packed.get(place)) is None:
+            if sum(one.floats.nbytes for one in [*self._packed.values()]) > MOST_KNOWN:
+                self._packed.clear()
+            found = self._packed[place] = prepared(self.problem, place, self._axes, self._tapes, not self.proved)
         return found
 
     @cached_property
-    def _known(self) -> dict[int, Tape]:
+    def _packed(self) -> dict[int, Tape]:
+        """What `packed_at` has made, by the step."""
         return {}
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
@@ -301,16 +306,18 @@ class Table:
 
         If no input is safe, it is `Batch.best`.
         """
-        to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.left + 1)
-        looked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
-        self._decide(looked, scores, ONLY_LOOK, np.arange(len(to_go)))
-        return looked.best
+        to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
+        checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
+        self._decide(checked, scores, TRUE_SETS_ONLY, np.arange(len(to_go)))
+        return checked.best
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
         """To be implemented by proved tables: which input a built-in rule prefers for each state of a batch, (M,)."""
         raise NotImplementedError
 
-    def led_to(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def next_bounds(
+        self, points: FloatArray, inputs: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Between what points a controller goes on that remembers, two (M, ndim), and E, (ndim,).
 
         points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
@@ -326,23 +333,23 @@ class Table:
                 t = problem.time(step) + length * part / STRIDES
                 states = interval.advance(states, inputs, still, t, length / STRIDES)
             ends.append(states)
-        low, high = np.min(ends, axis=0) - problem.spread, np.max(ends, axis=0) + problem.spread
+        low, high = np.min(ends, axis=0) - problem.error_growth, np.max(ends, axis=0) + problem.error_growth
         return self.grid.clipped(low), self.grid.clipped(high), problem.half_widths[0]
 
-    def carried_on(
+    def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """The points (M, ndim) with which a controller goes on that remembers, and where it cannot: bool (M,).
 
-        points, inputs (M,), step : as in `led_to`
+        points, inputs (M,), step : as in `next_bounds`
         seen (M, ndim) : the predictions of the next step, to which the points are clipped (*Memory* in
         `sdhj.problem.sensing`). It cannot go on where one is farther away than errors explain, and begins anew with it.
         """
-        low, high, off = self.led_to(points, inputs, step)
+        low, high, off = self.next_bounds(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
         turns = np.where(periodic, np.round((seen - (low + high) / 2) / length), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
-        far = 2 * off + CARRIED_OFF * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        far = 2 * off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown
         lost = ~held.all(axis=1)
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
@@ -354,8 +361,8 @@ class Table:
         longer matters. Proved tables pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
-        looked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
-        self._decide(looked, looked.margins, ONLY_LOOK, np.arange(len(safe)))
+        checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
+        self._decide(checked, checked.margins, TRUE_SETS_ONLY, np.arange(len(safe)))
         return safe.any(axis=1)
 
     def hazards(self, states: FloatArray, step: int) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.true_sets import ONLY_LOOK
+from sdhj.kernels.true_sets import TRUE_SETS_ONLY
 from sdhj.problem.checks import finite_array, states_array, whole
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, STRIDES, Batch, Table
@@ -47,13 +47,13 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     if (tied := (hazards == hazards.min(axis=1, keepdims=True)).sum(axis=1) > 1).any():
         margins[tied] = _margins(table, states[tied], step)
     some_way, none = np.full(len(states), 2), np.full(len(states), NOT_ADMISSIBLE)  # to go: the target does not matter
-    looked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
-    table._decide(looked, hazards, ONLY_LOOK, rows)
-    chosen, hazard = looked.best, hazards[rows, looked.best]
-    clear = (hazard <= 0.0) & looked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
+    checked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
+    table._decide(checked, hazards, TRUE_SETS_ONLY, rows)
+    chosen, hazard = checked.best, hazards[rows, checked.best]
+    clear = (hazard <= 0.0) & checked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
     if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
-        looked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
-    return chosen, (clear & (looked.steps_to_go > 0)).astype(np.int64), hazard
+        checked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
+    return chosen, (clear & (checked.steps_to_go > 0)).astype(np.int64), hazard
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
@@ -68,6 +68,7 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache
 def _sides(ndim: int) -> FloatArray:
+    """The corners of a box, (2^ndim, ndim): whether each is at the upper end of an axis."""
     return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 

@@ -112,7 +112,7 @@ class Controller:
     """
 
     last: "Action | None" = None  # the last answer of `step`
-    carried: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
+    remembered: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
         if not isinstance(table, Table):
@@ -121,7 +121,7 @@ class Controller:
             shown = reprlib.repr(rule)
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
-        self._apart: dict[int, FloatArray] = {}  # of an input from all others
+        self._distances: dict[int, FloatArray] = {}  # of an input from all others
 
     # ---- one state
 
@@ -215,11 +215,13 @@ class Controller:
         return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
 
     def _at(self, step: int | None) -> int:
-        if step is None and not self.problem.timeless:
+        """The step of a query; ValueError where it is left out and the answer depends on time."""
+        if step is None and not self.problem.time_invariant:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
     def _query(self, q: FloatArray, step: int | None, within: int = 1, scores: FloatArray | None = None) -> Batch:
+        """The answers for one state, checked first."""
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
@@ -228,12 +230,14 @@ class Controller:
         return self.table.answers(state[None], self._at(step), within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
+        """The answers for one state; NotAdmissible, with the reason, where no tube contains it."""
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
         return batch
 
     def _explain(self, states: FloatArray, step: int) -> str:
+        """Why a state (1, ndim) is not admissible, and what helps, in a sentence."""
         within, details = self.table.steps - step, self.table.details
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
@@ -247,10 +251,10 @@ class Controller:
             value = self.table.values_at(states[None], step, np.array([within]))[0, 0]
             where = f"its level-set value there is {value:.3g} > 0"
         steps = f"{within} step{'s' * (within != 1)}"
-        promise = f"stay clear for {steps}" if self.problem.stays else f"reach the target within {steps}"
+        promise = f"stay clear for {steps}" if self.problem.has_no_target else f"reach the target within {steps}"
         finer = "cells" if self.table.proved else "nodes"
         more = f"steps or {finer}"
-        if self.problem.stays and details.get("settled", details.get("endless")):
+        if self.problem.has_no_target and details.get("settled", details.get("endless")):
             promise, more = "stay clear for ever", finer
         return (
             f"state {np.array2string(states[0], precision=4, separator=', ')} is not admissible at step {step}: it is "
@@ -332,7 +336,7 @@ class Controller:
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
         """
         problem, steps = self.problem, self.table.steps
-        most = np.inf if problem.timeless else (steps + 0.5) * problem.delta
+        most = np.inf if problem.time_invariant else (steps + 0.5) * problem.delta
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
         last = None if k == 0 else self.last
         if last is not None and k <= last.step:
@@ -344,16 +348,16 @@ class Controller:
             abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
             or k != (last.step if last else -1) + 1
         )
-        step, previous = 0 if problem.timeless else k, last.input if last else None
+        step, previous = 0 if problem.time_invariant else k, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
-        if problem.sensing.memory and last and not missed and self.carried:
-            kept, lost = self.table.carried_on(
-                self.carried[0][None], np.array([last.input]), self.carried[1], state[None]
+        if problem.sensing.memory and last and not missed and self.remembered:
+            kept, lost = self.table.next_points(
+                self.remembered[0][None], np.array([last.input]), self.remembered[1], state[None]
             )
             state, missed = kept[0], bool(lost[0])
         batch = self.batch(state[None], step)
-        left = last.steps_to_go if last and not missed and problem.timeless and problem.stays else None
+        left = last.steps_to_go if last and not missed and problem.time_invariant and problem.has_no_target else None
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
@@ -363,7 +367,7 @@ class Controller:
         elif chosen == NOT_ADMISSIBLE:
             chosen = self.fallback(state, step).input if fallback else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
-        self.carried = state, step
+        self.remembered = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
 
@@ -461,10 +465,10 @@ class Controller:
             distances = squared_distances(inputs, wanted[None])
         elif not 0 <= index < len(inputs):
             return None
-        elif index not in self._apart:
-            self._apart[index] = squared_distances(inputs, inputs[index][None])
-            self._apart[index][0, index] = -1.0
-        distances = distances if index is None else self._apart[index]
+        elif index not in self._distances:
+            self._distances[index] = squared_distances(inputs, inputs[index][None])
+            self._distances[index][0, index] = -1.0
+        distances = distances if index is None else self._distances[index]
         batch = self._query(q, step, self.table.steps - step, distances)
         chosen = batch.best[0]
         if chosen == NOT_ADMISSIBLE:
@@ -507,10 +511,11 @@ class Controller:
         """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()
-        safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.left[rows])
+        safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.steps_after[rows])
         return safe
 
     def _scores(self, candidates: Candidates) -> FloatArray:
+        """The rule's score for each candidate, (P,); ValueError where it has another shape or a NaN."""
         if callable(self.rule):
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:

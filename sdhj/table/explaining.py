@@ -66,20 +66,20 @@ class Explanation:
 
 def entry_named(table: Any, step: int, within: int) -> str:
     """A tube of a table in words."""
-    if table.details.get("endless") and table.problem.stays:
+    if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
 
 
 def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
-    """What the level-set functions themselves say against a state (1, ndim); empty if nothing."""
+    """A sentence if the level-set functions themselves refute a state (1, ndim); else empty."""
     problem = table.problem
     if table.grid.beyond(state, "unsafe", "wall", "safe")[0]:
         return "The state is off the grid."
-    for part in problem.unsafe:
-        if (value := problem.value_of(part, state, problem.time(step))[0]) <= 0:
-            return f"The state is in the unsafe set {part.name!r}, whose level there is {value:.3g}."
-    if within == 0 and not problem.stays and (value := problem.target_value(state, problem.time(step))[0]) > 0:
+    for unsafe_set in problem.unsafe:
+        if (value := problem.value_of(unsafe_set, state, problem.time(step))[0]) <= 0:
+            return f"The state is in the unsafe set {unsafe_set.name!r}, whose level there is {value:.3g}."
+    if within == 0 and not problem.has_no_target and (value := problem.target_value(state, problem.time(step))[0]) > 0:
         return f"The state is not in the target, whose level there is {value:.3g} > 0."
     return ""
 
@@ -104,7 +104,7 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
     ends = interval.reaches(state, corners)[0]
     margins = _margins(table, state, interval.reaches(state, middles)[0], step, within - 1)
     hazards, batch = table.hazards(state, step)[0], table.batch(state, step, within)
-    safe = batch.safe[0] & (batch.left[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
+    safe = batch.safe[0] & (batch.steps_after[0] == within - 1) if inside else np.zeros(len(margins), np.bool_)
     failures = [
         _failure(table, state, j, step, within - 1, hazards[j], margins[j], ends[j])
         for j in np.flatnonzero(~safe).tolist()
@@ -133,6 +133,7 @@ def _failure(
     margin: float,
     ends: FloatArray,
 ) -> Failure:
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked."""
     if hazard > 0:
         name, when = _nearest(table, state, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
@@ -154,9 +155,9 @@ def _nearest(table: Any, state: FloatArray, ends: FloatArray, step: int) -> tupl
     best = np.inf, "the unsafe ends of the grid", 0.0
     for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
         points, t = state + s * ends, problem.time(step) + s * problem.delta
-        for part in problem.unsafe:
-            level = float(problem.value_of(part, grid.clipped(points), t).min())
-            best = min(best, (level, part.name, s * problem.delta))
+        for unsafe_set in problem.unsafe:
+            level = float(problem.value_of(unsafe_set, grid.clipped(points), t).min())
+            best = min(best, (level, unsafe_set.name, s * problem.delta))
         for name, least, most in zip(grid.names, *grid.faces("unsafe"), strict=True):
             x = points[:, grid.names.index(name)]
             best = min(best, (float((x - least).min()), f"the lower end of {name}", s * problem.delta))

@@ -142,6 +142,7 @@ def probed(folder: Path, name: str = "probe") -> None:
 
 
 def unwritable(folder: Path, error: OSError) -> OSError:
+    """The error for a folder that cannot be written, with what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
@@ -243,7 +244,7 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
         try:
             head = checked_head(json.loads(text))
             with h5py.File(stream, "r") as file:
-                _require_room(file)
+                _require_memory(file)
                 yield head, file
         except TableFileError:
             raise
@@ -253,7 +254,7 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
             ) from error
 
 
-def _require_room(file: h5py.File) -> None:
+def _require_memory(file: h5py.File) -> None:
     """Raise MemoryError, before anything is read, where all arrays of a file together do not fit into memory."""
     needed: list[int] = []
     file.visititems(lambda name, one: needed.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))

@@ -27,10 +27,10 @@ class Relay:
         """
         states = np.asarray(states, dtype=np.float64)
         out = np.full((len(states), 2), -1)
-        for place, controller in enumerate(self.controllers):
-            at = 0 if controller.problem.timeless else step
+        for i, controller in enumerate(self.controllers):
+            at = 0 if controller.problem.time_invariant else step
             if at <= controller.table.steps:
                 batch = controller.batch(states, at)
                 admitted = batch.steps_to_go >= 0
-                out[admitted] = np.stack([np.full(admitted.sum(), place), controller.choose(batch)[admitted]], axis=1)
+                out[admitted] = np.stack([np.full(admitted.sum(), i), controller.choose(batch)[admitted]], axis=1)
         return out

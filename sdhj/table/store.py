@@ -1,7 +1,7 @@
 """The arrays of a table, a slab at a time: in memory, or in a *store*, a folder of plain arrays and a ledger.
 
     head                  the problem, the method and how the grid is cut
-    tubes.npy, masks.npy  the arrays of a `LookupTable`
+    tubes.npy, marks.npy  the arrays of a `LookupTable`
     avoid_static.npy, avoid_moving.npy
                           ... those on no axes, where there is nothing to avoid, are left out
     tables/, opaque/      what formulas look up, and values of black boxes
@@ -47,15 +47,15 @@ from sdhj.table.files import (
 )
 from sdhj.table.table import AvoidTubes, LookupTable, ascending_axes
 
-STORE_FORMAT = 3
-NAMES = ("tubes", "masks", "avoid_static", "avoid_moving")
+STORE_FORMAT = 4
+NAMES = ("tubes", "marks", "avoid_static", "avoid_moving")
 ENTERED = re.compile("(tubes|avoid_static|avoid_moving) ([0-9]{1,9}) ([0-9]{1,9}) ([0-9a-f]{64})")  # of the ledger
 Runs = Sequence[tuple[int, int]]
 
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """What goes wrong in reading a store, or a file of one, becomes TableFileError."""
+    """Turn errors in reading a store, or a file of one, into TableFileError."""
     try:
         yield
     except TableFileError:
@@ -73,7 +73,8 @@ class Slab(NamedTuple):
 
     @property
     def arrays(self) -> tuple[str, ...]:
-        return ("tubes", "masks") if self.array == "tubes" else (self.array,)
+        """The arrays that are written with it: a tube and its marks, or one."""
+        return ("tubes", "marks") if self.array == "tubes" else (self.array,)
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,12 @@ class Shapes:
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
         """Those of a problem's table; the rest is from `dtype` on."""
-        tubes, steps = LookupTable.rooms(problem), problem.most_steps
+        tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 
     @property
     def slabs(self) -> int:
+        """Number of slabs."""
         return -(-self.shape[self.axis] // self.width)
 
     def axes(self, array: str) -> tuple[int, ...]:
@@ -116,11 +118,12 @@ class Shapes:
         return [self.span(number) if axis == self.axis else (0, self.shape[axis]) for axis in self.axes(array)]
 
     def kind(self, array: str) -> Any:
-        return np.dtype(np.uint8 if array == "masks" else self.dtype)
+        """The dtype of an array."""
+        return np.dtype(np.uint8 if array == "marks" else self.dtype)
 
     def lead(self, array: str) -> tuple[int, ...]:
-        """What stands before the axes of the grid at one place of an array."""
-        return {"tubes": (), "masks": (-(-self.inputs // 8),)}.get(array, (self.inputs,))
+        """The axes before those of the grid at one place of an array."""
+        return {"tubes": (), "marks": (-(-self.inputs // 8),)}.get(array, (self.inputs,))
 
     def block(self, array: str) -> tuple[int, ...]:
         """The shape at one place of an array: of one tube, its marks, or the avoid tubes of a step."""
@@ -129,11 +132,12 @@ class Shapes:
     def whole(self, array: str) -> tuple[int, ...]:
         """The shape of an array, as a `LookupTable` has it."""
         lead, block = self.lead(array), self.block(array)
-        block = (*lead, math.prod(self.shape)) if array == "masks" else block
+        block = (*lead, math.prod(self.shape)) if array == "marks" else block
         return block if array == "avoid_static" else (self.steps if array == "avoid_moving" else self.tubes, *block)
 
     @property
     def nbytes(self) -> int:
+        """Bytes of all arrays."""
         return sum(math.prod(self.whole(array)) * self.kind(array).itemsize for array in NAMES)
 
     def slabs_with(self, tubes: int) -> Iterator[Slab]:
@@ -167,15 +171,16 @@ class Arrays:
 
     @property
     def avoid(self) -> AvoidTubes:
+        """The avoid tubes as a `LookupTable` has them."""
         static, moving = NAMES[2:]
         axes = self.layout.axes(static), self.layout.axes(moving)
         return AvoidTubes(axes[0], self.whole(static), axes[1], self.whole(moving))
 
     def table(self, problem: ReachAvoidProblem, method: str, index: FloatArray) -> LookupTable:
         """The table of these arrays."""
-        return LookupTable(problem, method, index, self.whole("tubes"), self.whole("masks"), self.avoid, {})
+        return LookupTable(problem, method, index, self.whole("tubes"), self.whole("marks"), self.avoid, {})
 
-    def room(self, slab: Slab) -> list[FloatArray]:
+    def buffers(self, slab: Slab) -> list[FloatArray]:
         """Arrays to be filled in with a slab, and to be handed to `write`; marks are 0."""
         found = []
         for array in slab.arrays:
@@ -191,14 +196,14 @@ class Memory(Arrays):
         self.layout, self.arrays = layout, dict[str, FloatArray]()
 
     def block(self, array: str, place: int) -> FloatArray:
-        """As `Arrays.block`."""
+        """What there is at a place of an array, in memory."""
         found: FloatArray = self.whole(array).reshape(-1, *self.layout.block(array))[place]
         return found
 
-    def room(self, slab: Slab) -> list[FloatArray]:
-        """As `Arrays.room`."""
+    def buffers(self, slab: Slab) -> list[FloatArray]:
+        """The place itself where there is one slab, else new arrays."""
         one = self.layout.slabs == 1
-        return [self.block(array, slab.place) for array in slab.arrays] if one else super().room(slab)
+        return [self.block(array, slab.place) for array in slab.arrays] if one else super().buffers(slab)
 
     def there(self, slab: Slab) -> bool:
         """Whether a slab is finished already."""
@@ -220,9 +225,9 @@ class Memory(Arrays):
         """Note that a slab is finished."""
 
     def whole(self, array: str) -> FloatArray:
-        """As `Arrays.whole`; made when first asked for, so that it may take the memory that games before it had."""
+        """An array; made when first asked for, so that it may take memory that games had before."""
         if array not in self.arrays:
-            make = np.zeros if array == "masks" else np.empty
+            make = np.zeros if array == "marks" else np.empty
             self.arrays[array] = make(self.layout.whole(array), self.layout.kind(array))
             if not self.layout.axes(array):
                 self.arrays[array].fill(-np.inf)
@@ -244,6 +249,7 @@ class Store(Arrays):
     # ---- the files of arrays
 
     def file(self, array: str) -> Path:
+        """The file of an array."""
         return self.path / f"{array}.npy"
 
     @cached_property
@@ -252,6 +258,7 @@ class Store(Arrays):
         return {array: self._header(array)[0] for array in NAMES if self.layout.axes(array)}
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
+        """Where an array's data begin in its file, and its shape; TableFileError if it is another."""
         file, expected = self.file(array), self.layout.whole(array)
         with readable(file), open(file, "rb") as stream:
             np.lib.format.read_magic(stream)
@@ -264,7 +271,7 @@ class Store(Arrays):
         return begin, shape
 
     def block(self, array: str, place: int) -> FloatArray:
-        """As `Arrays.block`. The map is of the type of an array in memory, and nobody writes to it."""
+        """What there is at a place of an array on disk, mapped read-only, typed as an array in memory."""
         block, kind = self.layout.block(array), self.layout.kind(array)
         if not self.layout.axes(array):
             return np.full(block, -np.inf, kind)
@@ -272,7 +279,7 @@ class Store(Arrays):
         return np.asarray(np.memmap(self.file(array), kind, "c", begin, block))
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """As `Memory.write`: when it returns, the slab is on the disk."""
+        """Write a slab; when it returns, the slab is on the disk."""
         with self._writing():
             for array, one in zip(slab.arrays, values, strict=True):
                 with open(self.file(array), "r+b") as stream:
@@ -294,6 +301,7 @@ class Store(Arrays):
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
+        """Errors of writing, with what to do."""
         try:
             yield
         except OSError as error:
@@ -314,11 +322,11 @@ class Store(Arrays):
         return {slab: digest for slab, digest in found.items() if slab in possible}
 
     def there(self, slab: Slab) -> bool:
-        """As `Memory.there`."""
+        """Whether the ledger has a line for a slab."""
         return slab in self.entered
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """As `Memory.enter`: a line of the ledger, which begins anew where another was cut short."""
+        """Add a line to the ledger, which begins anew where another was cut short."""
         with self._writing(), open(self.path / "ledger", "ab") as stream:
             stream.write(f"\n{slab.array} {slab.place} {slab.number} {digest}\n".encode())
             stream.flush()
@@ -326,6 +334,7 @@ class Store(Arrays):
         self.entered[slab] = digest
 
     def digest(self, slab: Slab, values: Sequence[FloatArray]) -> str:
+        """SHA-256 of a slab: of its place and values, bound to the seal of the store."""
         found = hashlib.sha256(f"{self.seal} {slab.array} {slab.place} {slab.number}\n".encode())
         for one in values:
             found.update(np.ascontiguousarray(one).reshape(-1).data)
@@ -353,7 +362,7 @@ class Store(Arrays):
     def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
         """Say which entry is which tube, and that all are there."""
         with self._writing():
-            for array in ("tubes", "masks"):
+            for array in ("tubes", "marks"):
                 with open(self.file(array), "r+b") as stream:
                     write_header(stream, self.layout, array, int(index.max()) + 1)
             with replaced_whole(self.path / "index") as file:
@@ -389,7 +398,7 @@ def is_store(path: Named) -> bool:
 
 
 def load_stored(path: Named, problem: ReachAvoidProblem | None = None, check: bool = True) -> StoredTable:
-    """As `sdhj.load`, of a store; all of it is read once, and compared with its ledger, unless that is left out."""
+    """Load the table of a store; all of it is read once and compared with its ledger, unless left out."""
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
@@ -485,13 +494,13 @@ def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
 
 
 def sealed_text(told: Mapping[str, Any], seal: str = "") -> str:
-    """What is told as JSON, behind a line with its SHA-256, and that of a seal."""
+    """A mapping as JSON, behind a line with its SHA-256, bound to a seal."""
     text = json.dumps(told, sort_keys=True)
     return f"{hashlib.sha256(f'{seal}{text}'.encode()).hexdigest()}\n{text}\n"
 
 
 def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
-    """What a file of `sealed_text` tells, and the digest that it begins with; TableFileError if it is another."""
+    """The mapping of a `sealed_text` and the digest that it begins with; TableFileError if it is another."""
     with readable(file):
         text = file.read_text()
         told = json.loads(text.partition("\n")[2])
@@ -506,7 +515,7 @@ def free_name(path: Path) -> None:
         raise FileExistsError(f"{path} exists already; go on with it by resume=True, remove it, or choose another name")
 
 
-def room_for(path: Path, needed: int) -> None:
+def require_disk(path: Path, needed: int) -> None:
     """Warn where a disk does not hold what is to be written."""
     with suppress(OSError):
         if needed > (free := shutil.disk_usage(path.parent).free):

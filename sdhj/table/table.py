@@ -36,7 +36,7 @@ SETTLED = 0.002
 RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less, on average, have settled
 
 
-def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:
+def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
     """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: shape grid.shape.
 
     The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
@@ -44,13 +44,13 @@ def cells_inside(grid: Grid, stays: FloatArray) -> FloatArray:
     a distance to the nearest node outside, or to where one would be past an unsafe end, and its zero lies two cells
     from that: one cell inside the last node in the set, which keeps the tube clear of states that are lost.
     """
-    leaves = _cells_to(grid, ~stays)
+    leaves = _cells_to(grid, ~invariant)
     for axis, (low, high) in enumerate(grid.ends):
         place = np.arange(grid.shape[axis], dtype=np.float64)
         for end, gap in ((low, place + 1.0), (high, grid.shape[axis] - place)):
             if end == "unsafe" and not grid.periodic[axis]:
                 leaves = np.minimum(leaves, grid.lift(gap, (axis,)))
-    return np.where(stays, 2.0 - leaves, 1.0 + _cells_to(grid, stays))
+    return np.where(invariant, 2.0 - leaves, 1.0 + _cells_to(grid, invariant))
 
 
 def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
@@ -105,7 +105,7 @@ class LookupTable(Table):
     tubes : (T, *grid.shape)
         The level-set functions of the T stored tubes, <= 0 inside. For ever there are two: the tube, a distance in
         cells, and behind it the game's value, by which inputs are selected.
-    masks : (T, ceil(L / 8), nodes) uint8
+    marks : (T, ceil(L / 8), nodes) uint8
         The inputs that are marked at each node: bit j % 8 of byte j // 8 stands for u_j.
     avoid : AvoidTubes
         For each input the states from which it stays clear of the unsafe sets over one interval.
@@ -126,7 +126,7 @@ class LookupTable(Table):
     method: str
     index: FloatArray
     tubes: FloatArray
-    masks: FloatArray
+    marks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
     reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
@@ -142,41 +142,41 @@ class LookupTable(Table):
 
         It has space for every tube, or, if nothing depends on time, for each n; space never written takes no memory.
         """
-        index, room = cls.places(problem), cls.rooms(problem)
-        tubes = np.empty((room, *problem.grid.shape), dtype)
-        masks = np.zeros((room, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
-        return cls(problem, method, index, tubes, masks, avoid, {})
+        index, tubes_kept = cls.unshared_index(problem), cls.most_tubes(problem)
+        tubes = np.empty((tubes_kept, *problem.grid.shape), dtype)
+        marks = np.zeros((tubes_kept, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
+        return cls(problem, method, index, tubes, marks, avoid, {})
 
     @staticmethod
-    def places(problem: ReachAvoidProblem) -> FloatArray:
+    def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
         """The index of a table in which no tubes are shared."""
         start, index = entries(problem.most_steps).T.copy()
-        if not problem.timeless:  # one behind the other as they are filled in
+        if not problem.time_invariant:  # one behind the other as they are filled in
             index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
         return index
 
     @staticmethod
-    def rooms(problem: ReachAvoidProblem) -> int:
+    def most_tubes(problem: ReachAvoidProblem) -> int:
         """T, the largest number of stored tubes."""
-        return problem.most_steps + 1 if problem.timeless else entry(problem.steps, problem.steps, 0) + 1
+        return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
         """The array of a tube, shape grid.shape, which is written while the table is filled in."""
-        return self.tubes[self.place(start, within)]
+        return self.tubes[self.tube_index(start, within)]
 
-    def mask_array(self, start: int, within: int | None) -> FloatArray:
+    def mark_array(self, start: int, within: int | None) -> FloatArray:
         """The array of a tube's marked inputs, (bytes, size), which is written while the table is filled in."""
-        return self.masks[self.place(start, within)]
+        return self.marks[self.tube_index(start, within)]
 
     def share(self, start: int, within: int) -> None:
         """Let (start, within) share the tube (start, within - 1), with its marks; later tubes move up by one place.
 
         Where nothing depends on time, sets that have stopped stay as they are: all later ones share it too.
         """
-        place = self.place(start, within)
-        if place == self.place(start, within - 1):
+        place = self.tube_index(start, within)
+        if place == self.tube_index(start, within - 1):
             return
-        if self.problem.timeless and self.problem.steps is not None:
+        if self.problem.time_invariant and self.problem.steps is not None:
             np.minimum(self.index, place - 1, out=self.index)
         else:
             # half a million of a solve without a number of steps, of which the first two rows are asked
@@ -224,29 +224,29 @@ class LookupTable(Table):
         Without a target it is the table of the one set that is safe for ever (`cells_inside`), whose inputs are those
         marked in all of the last steps; the game's value stands behind its tube.
         """
-        stays, steps = self.problem.stays, max(last, 1)
+        has_no_target, steps = self.problem.has_no_target, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
-        index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if stays else slice(0, last + 1)
-        recent = self.masks[max(last - QUIET, 0) + 1 : last + 1]
+        index, kept = entries(steps)[:, 1].copy(), slice(last, last + 1) if has_no_target else slice(0, last + 1)
+        recent = self.marks[max(last - QUIET, 0) + 1 : last + 1]
         tubes = self.tubes[kept].copy()  # frees the space of all others
-        if stays:
+        if has_no_target:
             tubes = np.concatenate([cells_inside(self.grid, tubes[0] <= 0)[None].astype(tubes.dtype), tubes])
         return replace(
             self,
             problem=replace(self.problem, steps=steps),
-            index=np.zeros_like(index) if stays else index,
+            index=np.zeros_like(index) if has_no_target else index,
             tubes=tubes,
-            masks=np.bitwise_and.reduce(recent)[None] if stays else self.masks[kept].copy(),
+            marks=np.bitwise_and.reduce(recent)[None] if has_no_target else self.marks[kept].copy(),
             avoid=replace(self.avoid, moving=self.avoid.moving[:steps]),
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
         """The table without the space that was not needed."""
         stored = int(self.index.max()) + 1
-        whole = details.get("endless") and self.problem.stays
-        tubes, masks = (self.tubes, self.masks) if whole else (self.tubes[:stored], self.masks[:stored])
+        whole = details.get("endless") and self.problem.has_no_target
+        tubes, marks = (self.tubes, self.marks) if whole else (self.tubes[:stored], self.marks[:stored])
         return replace(
-            self, index=read_only(self.index), tubes=read_only(tubes), masks=read_only(masks), details=details
+            self, index=read_only(self.index), tubes=read_only(tubes), marks=read_only(marks), details=details
         )
 
     # ---- at the nodes
@@ -271,82 +271,93 @@ class LookupTable(Table):
         in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
         """
         count = len(self.problem.inputs)
-        bits = np.unpackbits(self.mask_array(start, within), axis=0, count=count, bitorder="little")
+        bits = np.unpackbits(self.mark_array(start, within), axis=0, count=count, bitorder="little")
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
+        """Whether points (M, ndim) are in a tube: interpolated values <= 0, in the whole box E around each."""
         return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
+        """The share of the grid's volume in a tube."""
         return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the tubes, the masks and the avoid tubes take in memory."""
-        return sum(a.nbytes for a in (self.index, self.tubes, self.masks, self.avoid.static, self.avoid.moving))
+        """Bytes that the tubes, the marks and the avoid tubes take in memory."""
+        return sum(a.nbytes for a in (self.index, self.tubes, self.marks, self.avoid.static, self.avoid.moving))
 
     # ---- between the nodes
 
     @cached_property
     def game(self) -> int:
-        """As `Table.game`: behind the tubes that the index names, if there is one more."""
+        """The place of the game's value behind the tubes that the index names; -1 where there is none."""
         named = int(self.index.max()) + 1
         return named if len(self.tubes) > named else -1
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
+        """The interpolated avoid tubes at states (M, ndim): (M, L)."""
         out = np.empty((len(states), len(self.problem.inputs)))
-        avoid_values(states, step, *self.known(step), *self._stored[3:], out)
+        avoid_values(states, step, *self.packed_at(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
+        """Interpolated values of tubes at points (M, V, ndim), row m of the tube within[m]: (M, V)."""
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
-        tube_values(points, places, self._stored[1], *self.known(step), out)
+        tube_values(points, places, self._stored[1], *self.packed_at(step), out)
         return out
 
-    def _decide(self, batch: Batch, scores: FloatArray, looks: int, rows: FloatArray) -> None:
+    def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
+        """As `Table._decide`, in compiled code where the sets are formulas."""
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._tapes is not NO_TAPES:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
             ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
-            done = self._call(batch, rows, ends, scores, looks)
+            done = self._call(batch, rows, ends, scores, checks)
         if not done:  # with black boxes, or to say what is undefined
-            super()._decide(batch, scores, looks, rows)
+            super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
+        """As `Table._answer`, by interpolation."""
         self._call(batch, rows, ends, batch.margins, TUBES)
 
-    def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, looks: int) -> bool:
+    def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
         """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
-        when = batch.step, batch.within, self.steps, self.game, looks
+        when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
-        return bool(decide(batch.states, rows, when, tuple(self.known(batch.step)), self._stored, ends, scores, out))
+        return bool(
+            decide(batch.states, rows, when, tuple(self.packed_at(batch.step)), self._stored, ends, scores, out)
+        )
 
     @kept
     def _tapes(self) -> Any:
+        """The level-set functions and paths as compiled code plays them; none where one is a black box."""
         sets = (*self.problem.unsafe, self.problem.target)
         return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
 
     @kept
     def _axes(self) -> Any:
+        """The axes of the static and of the moving avoid tubes, as arrays."""
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
     @cached_property
     def _stored(self) -> tuple[FloatArray, ...]:
-        """What compiled look-ups read, every function on a grid flat (`Shelf`)."""
+        """The arrays that compiled look-ups read, every function on a grid flat (`StoredTubes`)."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
-        return self.index, tubes, self.masks, static, moving
+        return self.index, tubes, self.marks, static, moving
 
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the table to an HDF5 file; replaces it, whole or not at all."""
         axes = {name: getattr(self.avoid, f"{name}_axes") for name in ("static", "moving")}
         with written_table(path, self, avoid_axes=axes, entries="start and within of each entry of the index") as file:
             file["entries"] = entries(self.steps)
             file["index"] = self.index
             file.create_dataset("tubes", data=self.tubes, chunks=(1, *self.grid.shape), **PACKING)
-            file.create_dataset("masks", data=self.masks, chunks=(1, 1, self.grid.size), **PACKING)
+            file.create_dataset("marks", data=self.marks, chunks=(1, 1, self.grid.size), **PACKING)
             for name in ("static", "moving"):
                 file.create_dataset(f"avoid_{name}", data=getattr(self.avoid, name), chunks=True, **PACKING)
 
@@ -354,7 +365,9 @@ class LookupTable(Table):
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> Self:
         """Read the table of this problem from an open file; ValueError if they do not fit together."""
         index = stored(file, "index", "int64", (len(entries(problem.most_steps)),))
-        return cls.of_arrays(head, partial(stored, file), index, problem)
+        names = {"marks": "masks"} if "masks" in file else {}  # as files called them at first
+        read = partial(stored, file)
+        return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
 
     @classmethod
     def of_arrays(cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem) -> Self:
@@ -365,17 +378,17 @@ class LookupTable(Table):
         most = int(index.max()) + 1
         if index.min() < 0:
             raise ValueError("its index points before the first tube")
-        ever = int(problem.stays and bool(head["details"].get("endless")))  # the game's value behind its tube
+        ever = int(problem.has_no_target and bool(head["details"].get("endless")))  # the game's value behind its tube
         tubes = stored("tubes", "float32 float64", ({most, most + ever}, *grid.shape))
         if len(tubes) < most + ever:
             raise ValueError("it is of an older version, without the game's value by which inputs are now selected")
-        masks = stored("masks", "uint8", (most, -(-count // 8), grid.size))
+        marks = stored("marks", "uint8", (most, -(-count // 8), grid.size))
         avoid: list[Any] = []
         for name, lead in (("static", (count,)), ("moving", (steps, count))):
             axes = ascending_axes(head["avoid_axes"][name], f"avoid_{name}", grid)
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, head["method"], *read_only((index, tubes, masks)), AvoidTubes(*avoid), head["details"])
+        return cls(problem, head["method"], *read_only((index, tubes, marks)), AvoidTubes(*avoid), head["details"])
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:

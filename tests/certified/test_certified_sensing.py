@@ -78,7 +78,7 @@ def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
     assert len(set(np.diff(edges[-1]).round(9))) == (1 if grid.ndim == 3 else 2)
     for state, told in zip(states, promised, strict=True):
         near = []
-        for axis, (x, off) in enumerate(zip(state, table.proof.unsure, strict=True)):
+        for axis, (x, off) in enumerate(zip(state, table.proof.prediction_error, strict=True)):
             laps = (-2 * np.pi, 0.0, 2 * np.pi) if grid.periodic[axis] else (0.0,)
             low, high = x - off + 1e-9, x + off - 1e-9
             met = [(edges[axis][:-1] + lap < high) & (low < edges[axis][1:] + lap) for lap in laps]
@@ -144,8 +144,10 @@ def test_no_prediction_is_farther_off_than_proved(sensing, rng):
         worst = np.maximum(worst, np.abs(now - seen).max(axis=0))
     x, y, turned = np.zeros(3) + sensing.error
     known = [e + sensing.delay * (0.1 + turned + sensing.delay / 4) for e in (x, y)]
-    assert (worst <= proof.unsure + 1e-12).all()
-    assert (proof.unsure[:2] <= 1.05 * np.array(known)).all() and proof.unsure[2] == pytest.approx(turned)
+    assert (worst <= proof.prediction_error + 1e-12).all()
+    assert (proof.prediction_error[:2] <= 1.05 * np.array(known)).all() and proof.prediction_error[2] == pytest.approx(
+        turned
+    )
 
 
 # ---- played: a plant that shares nothing with the library
@@ -239,7 +241,7 @@ def test_every_claim_is_proved_again(saved, tmp_path):
     assert table.fraction(start=0, within=4) > table.fraction(start=0, within=0) > 0
     assert failed(path, tmp_path) == set()
     assert failed(path, tmp_path, sensing={"error": 0.004}) == set()  # it says more
-    assert (sdhj.load(path).proof.unsure == table.proof.unsure).all()
+    assert (sdhj.load(path).proof.prediction_error == table.proof.prediction_error).all()
 
 
 @pytest.mark.parametrize("sensing", [{"error": [0.0055, 0.005, 0.005]}, {"delay": 0.025}], ids=["error", "delay"])
@@ -253,7 +255,7 @@ def test_moves_for_a_better_clock_are_not_proved(saved, tmp_path):
 
 
 def test_more_claimed_of_predictions_is_found(saved, tmp_path):
-    off = saved[0].proof.unsure.tolist()
+    off = saved[0].proof.prediction_error.tolist()
     less = {"unsure": [0.9 * off[0], 0.9 * off[1], off[2]]}
     assert "predictions are as near as stated" in failed(saved[1], tmp_path, proof=less)
     with pytest.raises(ValueError, match="predictions are off by"):
@@ -282,7 +284,7 @@ SHAKY = Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004)
 def test_the_arm(agent, tmp_path):
     sure, plain = arm(SHAKY, agent), arm(Sensing(), agent)
     off = 0.004 + 0.01 * (0.2 if agent == "pursuer" else 0.1)
-    np.testing.assert_allclose(sure.proof.unsure, [0.013, 0.013, off, off])
+    np.testing.assert_allclose(sure.proof.prediction_error, [0.013, 0.013, off, off])
     shares = [table.fraction(start=0, within=2) for table in (sure, plain)]
     assert 0.002 < shares[0] < 0.8 * shares[1]
     for adversary in ("random", "worst"):

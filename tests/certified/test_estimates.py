@@ -84,7 +84,7 @@ def test_nbytes_are_those_of_every_array():
 
 
 @pytest.mark.usefixtures("signals_are_heard")
-@pytest.mark.parametrize("at", ["_strike", "add"])
+@pytest.mark.parametrize("at", ["_mark_collisions", "add"])
 def test_ctrl_c_leaves_nothing_half(monkeypatch, at):
     """While intervals are looked at in threads, and in the recursion: it ends at once, and a new solve is whole."""
     problem, method = unicycle_problem(), sdhj.Certified(cells=CELLS, parts=2)

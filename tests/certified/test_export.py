@@ -122,7 +122,7 @@ def assert_alike(table, c, states, step):
     assert (
         np.array_equal(status == 0, clear.any(axis=1)) and clear[np.flatnonzero(status == 0), away[status == 0]].all()
     )
-    if not table.problem.timeless or step == 0:
+    if not table.problem.time_invariant or step == 0:
         rng = np.random.default_rng(step)
         wanted = rng.integers(0, len(table.problem.inputs), len(states))
         commands = table.problem.inputs[wanted] + rng.normal(0.0, 0.3, table.problem.inputs[wanted].shape).round(1)
@@ -137,7 +137,7 @@ def assert_alike(table, c, states, step):
 def test_c_answers_as_python_does(exported, name):
     table, c = solved(name), exported(name)
     assert c.selftest() == 0
-    for step in {0} if table.problem.timeless else {0, 1, table.steps - 1, table.steps}:
+    for step in {0} if table.problem.time_invariant else {0, 1, table.steps - 1, table.steps}:
         assert_alike(table, c, states_of(table, 4000 if name == "arm" else 2000), step)
 
 
@@ -146,7 +146,9 @@ def test_c_answers_as_python_does(exported, name):
 def test_c_answers_as_python_does_in_a_million_states(exported, name):
     table, c = solved(name), exported(name)
     for seed in range(100):
-        assert_alike(table, c, states_of(table, 10_000, seed + 1), 0 if table.problem.timeless else seed % table.steps)
+        assert_alike(
+            table, c, states_of(table, 10_000, seed + 1), 0 if table.problem.time_invariant else seed % table.steps
+        )
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ PRINTED = np.array([0.15, 0.30, 0.0])
 @pytest.mark.parametrize("arm", [ARM, PRINTED], ids=["relative", "printed"])
 def test_hulls_hold_the_links(arm, rng):
     """Points of the links at random joint angles of a box lie in the hull thickened by the remainder, and need it."""
-    needed, room = 0.0, links.make_room()
+    needed, room = 0.0, links.allocate_scratch()
     for _ in range(40):
         low, width = rng.uniform(-4, 4, 2), rng.uniform(0.0, 0.4, 2)
         ends = np.empty((2, 6))
@@ -35,7 +35,7 @@ def test_hulls_hold_the_links(arm, rng):
 
 
 def cells_touched(points, radius, growth, agent):
-    room, block = links.make_room(), np.zeros(-(-agent.nx * agent.ny // 64), np.uint64)
+    room, block = links.allocate_scratch(), np.zeros(-(-agent.nx * agent.ny // 64), np.uint64)
     room.x[: len(points)], room.y[: len(points)] = points.T
     size = links.convex_hull(len(points), room)
     links.touch_cells(size, radius, growth, agent, (0, agent.nx), room, block)

@@ -75,10 +75,10 @@ def contained(table, count):
         within = table.steps - step
         states = drawn[table.contains(drawn, start=step, within=within)]
         if problem.sensing:  # what is asked about is a prediction
-            off = table.proof.unsure * rng.choice([-1.0, 0.0, 1.0], states.shape)
+            off = table.proof.prediction_error * rng.choice([-1.0, 0.0, 1.0], states.shape)
             states = grid.clipped(states + off, "wall", "unsafe")
         batch = table.batch(states, step, within)
-        ahead = problem.stays | (batch.steps_to_go > 0)  # who is in the target has arrived
+        ahead = problem.has_no_target | (batch.steps_to_go > 0)  # who is in the target has arrived
         seen += len(states)
         assert (batch.steps_to_go >= 0).all() and batch.promised[ahead].all()
         assert (batch.margins[batch.safe] <= 0).all() and np.isinf(batch.margins[~batch.safe]).all()

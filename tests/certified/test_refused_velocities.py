@@ -39,7 +39,8 @@ CELLS = sdhj.Certified(cells=[400], parts=40)
 def test_where_nothing_can_be_proved_is_named_and_the_advice_helps(velocity, says, limited):
     with pytest.raises(ValueError, match=says):
         sdhj.solve(line(velocity), CELLS, play=False)
-    assert sdhj.solve(line(limited), CELLS, play=False).fraction() > 0.075  # the goal's share is 0.6 / 4, less its rim
+    # the goal's share is 0.6 / 4, less its padding
+    assert sdhj.solve(line(limited), CELLS, play=False).fraction() > 0.075
 
 
 @pytest.mark.parametrize("speed", [1e10, 1e17, 1e18, 1e19, 1e20, 1e100, 1e300])

@@ -8,7 +8,7 @@ import pytest
 
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
-from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, reached_words, strike, strike_ends
+from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, mark_collisions, mark_exits, reached_words
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -122,9 +122,9 @@ def test_cells_are_struck_as_plain_loops_say(seed):
     tubes = np.stack([low, low + rng.uniform(0.0, 1.5, low.shape)], axis=-1)
     clear = rng.integers(0, 256, counts.prod()).astype(np.uint8)
     struck, expected, left, out = (clear.copy() for _ in range(4))
-    strike(struck, tubes, (0, places), lattice, np.uint8(4), layout)
+    mark_collisions(struck, tubes, (0, places), lattice, np.uint8(4), layout)
     faces = np.where(rng.random((2, 3)) < 0.7, np.stack([np.full(3, 0.4), counts + 1.3]), [[-np.inf], [np.inf]])
-    strike_ends(left, tubes, (0, places), faces, np.uint8(4), layout)
+    mark_exits(left, tubes, (0, places), faces, np.uint8(4), layout)
     place_of = {int(number): place for place, number in enumerate(layout.begin)}
     for number, cell in enumerate(np.ndindex(*counts)):
         tube = tubes[place_of[int(np.ravel_multi_index(np.where(own, cell, 0), counts))]]
@@ -178,7 +178,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
                 for c, n, wraps, a, b in zip(cell, counts, periodic, low[j, cell[0]], high[j, cell[0]], strict=True)
             ]
             leads.append(following[np.ix_(*at)].all() and (groups > 1 or bool(clear[number, 0] >> j & 1)))
-        led = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
-        expected[cell] = inside[cell] and led if keep else inside[cell] or led
+        add_predecessors = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
+        expected[cell] = inside[cell] and add_predecessors if keep else inside[cell] or add_predecessors
     assert np.array_equal(to_bits(found, int(counts[1])), expected)
     assert (expected != inside).any() and expected.any() and not expected.all()

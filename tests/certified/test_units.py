@@ -34,7 +34,7 @@ def axes(units, lower, upper, nodes, **given):
     return sdhj.Grid(*ends, nodes, **given)
 
 
-def plane(units, stays=False, sensing=None, black=False):
+def plane(units, has_no_target=False, sensing=None, black=False):
     """Inputs and gusts along two axes, past a post."""
     (a, b), s = units.lengths, units.time
     inputs = np.array([[0, 0], [0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]) * units.lengths / s
@@ -46,11 +46,11 @@ def plane(units, stays=False, sensing=None, black=False):
         axes(units, [-2, -2], [2, 2], [21, 21]),
         sdhj.Dynamics(inputs, inputs, np.eye(2), [0.1 * a / s, 0.1 * b / s]),
         None
-        if stays
+        if has_no_target
         else sdhj.TargetSet((0, 1), lambda p, t: a * (np.hypot(p[:, 0] / a - 0.9, p[:, 1] / b - 0.7) - 0.5)),
         [sdhj.UnsafeSet((0, 1), sdhj.BlackBox(post, slope=a / min(a, b), rate=0.0) if black else post, name="post")],
         0.25 * s,
-        None if stays else 3,
+        None if has_no_target else 3,
         sensing=sdhj.Sensing() if sensing is None else sensing(units),
     )
 
@@ -139,7 +139,7 @@ ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solv
     "cart": (cart, 2, [40, 40], True),
     "tide": (tide, 1, [200], True),
     "sensed": (lambda units: plane(units, sensing=shaky), 2, [60, 60], False),
-    "staying": (lambda units: plane(units, stays=True), 2, [40, 40], False),
+    "staying": (lambda units: plane(units, has_no_target=True), 2, [40, 40], False),
     "hidden": (lambda units: plane(units, black=True), 2, [44, 44], False),
 }
 
@@ -187,7 +187,7 @@ def test_powers_of_two_scale_the_tubes_of_a_grid(name):
         other = solved(name, in_units(name, 2.0**power, 2.0 ** (-power // 2)), "hji")
         assert plain.steps == other.steps
         for within in range(plain.steps + 1):
-            unit = 1.0 if other.problem.stays else 2.0**power
+            unit = 1.0 if other.problem.has_no_target else 2.0**power
             assert np.array_equal(plain.values(within=within), other.values(within=within) / unit)
             assert np.array_equal(plain.inputs(within=within), other.inputs(within=within))
 
@@ -209,8 +209,8 @@ def test_other_units_make_a_cell_of_difference(name, unit, tmp_path):
     other.save(tmp_path / "other.h5")
     given = other.problem if other.problem.opaque else None
     assert (verdict := verify(tmp_path / "other.h5", given, progress=False)).ok, str(verdict)
-    rim = sum(2.0 / count for count in plain.shape)  # a layer of cells at the ends of each axis
-    assert abs(plain.fraction(start=0) - other.fraction(start=0)) <= rim * max(plain.fraction(start=0), 0.05)
+    padding = sum(2.0 / count for count in plain.shape)  # a layer of cells at the ends of each axis
+    assert abs(plain.fraction(start=0) - other.fraction(start=0)) <= padding * max(plain.fraction(start=0), 0.05)
 
 
 @pytest.mark.parametrize("value", [0.3, -1.2, np.pi, -np.pi, 0.1 + 0.2, 12345.678, 9.25, 1 / 3, 0.0])
@@ -228,7 +228,7 @@ def test_numbers_are_read_alike_at_every_power_of_two(value):
 
 
 def test_a_promised_run_has_a_reserve_for_rounding():
-    """From states bisected to the rim of what `contains` says, none is without an answer after a step."""
+    """From states bisected to the padding of what `contains` says, none is without an answer after a step."""
     inputs = np.array([[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)])
 
     def drift(q, u):

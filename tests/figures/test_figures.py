@@ -230,7 +230,7 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
     """A clock that is set forward by what is called: 2 s for constraints and avoid tubes, 0.3 s for a step."""
     clock, called, threads = [0.0], [], numba.get_num_threads()
 
-    class Sets:
+    class TubeSets:
         def goal(self, step):
             called.append(step)
 
@@ -242,7 +242,7 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
         def sets(self, problem, progress):
             assert numba.get_num_threads() == 1
             clock[0] += 2.0
-            return Sets()
+            return TubeSets()
 
     monkeypatch.setattr(fig14_timing.time, "process_time", lambda: clock[0])
     problem = sdhj.arm_case_study(nodes=9)

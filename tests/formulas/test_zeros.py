@@ -97,7 +97,7 @@ def test_all_others_agree_with_numpy_on_zeros_of_both_signs(name, rng):
     for begin, end in ((low, high), (states, high), (low, states)):
         inside = rng.uniform(begin, end)
         bounds = (
-            formula.apart(begin, end, (0.0, 0.0)),
+            formula.bounds_by_branch(begin, end, (0.0, 0.0)),
             [one[:, 0] for one in checked(formula).bounds(begin, end, (0, 0))],
         )
         for (least, most), points in itertools.product(bounds, (states, inside, begin, end)):
@@ -116,7 +116,7 @@ def test_bounds_hold_either_sign_even_where_nobody_asked(name, rng):
     low = np.concatenate([rng.uniform(-2, 2, (300, 2)), ZEROS])
     high = low + rng.uniform(0, 0.2, low.shape) * rng.integers(0, 2, low.shape)
     for least, most in (
-        formula.apart(low, high, (0, 0)),
+        formula.bounds_by_branch(low, high, (0, 0)),
         [one[:, 0] for one in checked(formula).bounds(low, high, (0, 0))],
     ):
         for points in (low, high, rng.uniform(low, high)):

@@ -237,7 +237,7 @@ def test_what_is_found_in_pieces_is_what_is_found_at_once(monkeypatch):
         assert np.array_equal(in_pieces.interval(0).speeds, at_once.interval(0).speeds)
         for ends in zip(*(one.interval(0).ends_at_nodes(1, 0.0) for one in (in_pieces, at_once)), strict=True):
             assert all(np.array_equal(one, other) for one, other in zip(*ends, strict=True))
-        assert in_pieces.timeless == at_once.timeless
+        assert in_pieces.time_invariant == at_once.time_invariant
         monkeypatch.undo()
 
 

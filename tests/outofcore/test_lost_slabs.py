@@ -195,7 +195,7 @@ def few(tmp_path):
 def test_every_flipped_byte_is_found(few, rng):
     problem, store = few
     table = sdhj.solve(problem)
-    for name in ("tubes", "masks", "avoid_moving"):
+    for name in ("tubes", "marks", "avoid_moving"):
         file = store / f"{name}.npy"
         whole, begin = file.read_bytes(), 128
         for place in [begin, len(whole) - 1, *rng.integers(begin, len(whole), 4)]:
@@ -226,7 +226,7 @@ def test_every_flipped_byte_is_found(few, rng):
 def test_twenty_swapped_slabs_are_refused(problem, store, rng):
     """Also where the ledger's lines are swapped with them."""
     for number in range(20):
-        name = ("tubes", "masks", "avoid_moving")[number % 3]
+        name = ("tubes", "marks", "avoid_moving")[number % 3]
         whole, values = (store / f"{name}.npy").read_bytes(), np.load(store / f"{name}.npy")
         blocks = values.reshape(len(values), -1, 4, 10 * 40)  # slabs of ten rows
         while True:
@@ -237,7 +237,7 @@ def test_twenty_swapped_slabs_are_refused(problem, store, rng):
         blocks[one[0], :, one[1]], blocks[other[0], :, other[1]] = blocks[other[0], :, other[1]], kept
         np.save(store / f"{name}.npy", values)
         ledger = (store / "ledger").read_text()
-        line = "tubes" if name == "masks" else name
+        line = "tubes" if name == "marks" else name
         first, second = (f"\n{line} {place} {slab} " for place, slab in (one, other))
         swapped = ledger.replace(first, "\n?").replace(second, first).replace("\n?", second)
         for text in (ledger, swapped):
@@ -295,7 +295,7 @@ def test_a_stored_table_is_a_look_up_table_on_maps(problem, table, store):
     """Its queries compile nothing and give the same bits; its pickle is its name."""
     read = sdhj.load(store)
     assert isinstance(read, LookupTable) and isinstance(read.tubes.base, np.memmap)
-    for name in ("index", "tubes", "masks"):
+    for name in ("index", "tubes", "marks"):
         one, other = (getattr(of, name) for of in (read, table))
         assert numba.typeof(one) == numba.typeof(other)
     assert numba.typeof(read.avoid.moving) == numba.typeof(table.avoid.moving)

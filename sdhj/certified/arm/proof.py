@@ -42,7 +42,7 @@ class ArmProof(Proof):
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
     rows = 2
-    timeless = False  # a set is kept for each start
+    time_invariant = False  # a set is kept for each start
 
     @classmethod
     def of(
@@ -78,8 +78,8 @@ class ArmProof(Proof):
         contact = float(stage.agent_radius + stage.arm.half_width)
         fastest = float(max(speeds[2][0][1], speeds[3][0][1]))
         plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
-        unsure = float(max(unknown(problem, 2), unknown(problem, 3)))
-        agent, pursued = Agent(length, fastest, contact, *plane, unsure), stage.agent == "pursuer"
+        prediction_error = float(max(unknown(problem, 2), unknown(problem, 3)))
+        agent, pursued = Agent(length, fastest, contact, *plane, prediction_error), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class ArmProof(Proof):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """What a file says of it."""
+        """The proof's part of a file."""
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:

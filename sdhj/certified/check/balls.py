@@ -30,10 +30,12 @@ def whole(a: Any) -> Any:
 
 
 def compared(truth: Callable[[Any, Any], bool], opposite: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+    """A comparison of balls: 1 where it holds for all of both, 0 where it holds for none, else None."""
     return lambda a, b: flint.arb(1) if truth(a, b) else flint.arb(0) if opposite(a, b) else None
 
 
 def mod(a: Any, b: Any) -> Any:
+    """a - b floor(a / b) of balls; None where b may be 0 or the floor is not one number."""
     lap = whole(a / b) if b != 0 else None
     return None if lap is None else a - lap * b
 
@@ -95,6 +97,7 @@ def interpolated(*given: Any) -> Any:
 
 
 def of_node(node: Node, values: dict[int, Any], point: Sequence[float], parameters: Sequence[float]) -> Any:
+    """The ball that holds a node's value at a point, from those of its operands; None where undefined."""
     operands = [values[number] for number in node.operands]
     if node.name in ("x", "p", "const"):
         (given,) = node.given

@@ -35,6 +35,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     """
 
     def compile_it(function: Any) -> Any:
+        """The compiled function; kept on disk, authenticated, where a folder can be written."""
         try:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for it can be written
@@ -55,10 +56,12 @@ class Kept:
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
+        """The file of the code for a signature."""
         name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
+        """The code for a signature; None where its digest or signature is another."""
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
@@ -66,6 +69,7 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
+        """Write the code for a signature behind its digest; the file appears whole or not at all."""
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)
@@ -76,6 +80,7 @@ class Kept:
 
 @compiled()
 def has(block, bit):
+    """Whether a bit of packed words is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != NONE
 
 
@@ -93,6 +98,7 @@ def drop(block, start, stop):
 
 @compiled()
 def any_bit(block):
+    """Whether any bit of packed words is set."""
     for word in block:
         if word != NONE:
             return True
@@ -107,6 +113,7 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 
     def packed(flags: Array) -> Array:
+        """Flags as bits of 64-bit words, the first in the lowest bit."""
         return np.packbits(np.pad(flags, (0, 64 * words - flags.size)), bitorder="little").view(np.uint64)
 
     for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):  # check 3.7

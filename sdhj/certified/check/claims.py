@@ -30,6 +30,7 @@ class Claim:
 
     @property
     def failed(self) -> int:
+        """How many cases failed."""
         return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:
@@ -48,6 +49,7 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
+        """Whether no case of any claim failed."""
         return all(claim.failed == 0 for claim in self.claims)
 
     def __str__(self) -> str:

@@ -75,7 +75,7 @@ class BlackBox:
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """What follows from its enclosure, or from its slope and rate."""
+        """Bounds on the values, from its enclosure, or from its slope and rate."""
         if self.given.enclosure is not None:
             least, most = self.given.enclosure(low, high, *self.inputs, *times)
             return intervals.sure(self.shaped(least), self.shaped(most))
@@ -85,6 +85,7 @@ class BlackBox:
 
         def change(by: Array, duration: float) -> Array:
             # check 1.13
+            """At most how far values change over displacements `by` and a duration: slope |by| + rate duration."""
             far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
             far = far + duration * (0.0 if rate is None else np.array(rate))  # check 1.14
             return np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
@@ -95,6 +96,7 @@ class BlackBox:
         return intervals.sure(value - each, value + each)
 
     def shaped(self, answer: Any) -> Array:
+        """An answer of the function as (M, results)."""
         return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
 
 
@@ -108,6 +110,7 @@ class Part:
 
     @property
     def moving(self) -> bool:
+        """Whether the level-set function depends on the time."""
         return self.function.reads("p")
 
 
@@ -138,6 +141,7 @@ class Functions:
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
+        """The formula of a name; ValueError if the file has none."""
         expect(name in self.texts, f"there must be a formula {name}", [*self.texts])  # check 7.18
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
@@ -191,6 +195,7 @@ class Velocity:
 
     @property
     def timed(self) -> bool:
+        """Whether any of the functions depends on the time."""
         return any(one.reads("p", 0) for one in self.all)
 
     def steady(self, axis: int, sensed: bool) -> bool:

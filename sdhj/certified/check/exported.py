@@ -129,7 +129,7 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         [*zip(sets.axes, sets.layers, strict=True)],
         np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
     )
-    periodic, timeless = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
+    periodic, time_invariant = np.array(head["grid"]["periodic"]), len(sets.index) <= words.steps + 1
     pairs = {
         "cells": (words.counts.tolist(), sets.counts.tolist()),
         "periodic axes": (words.periodic.tolist(), periodic.tolist()),
@@ -142,7 +142,7 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         ),
         "inputs": (words.inputs.tolist(), np.array(head["inputs"], dtype=np.float64).tolist()),
         "steps": (words.steps, head["steps"]),
-        "starts": (words.starts, 1 if timeless and not isinstance(sets, Arm) else words.steps + 1),
+        "starts": (words.starts, 1 if time_invariant and not isinstance(sets, Arm) else words.steps + 1),
         "delta": (float(words.delta), float(head["delta"])),
         "slack": (bool((words.slack <= near * (1 + 1e-12)).all()), True),
         "error": (
@@ -155,10 +155,12 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
 
 
-def asked(words: Words, ids: Array, fewest: Array, left: int, stays: bool) -> Iterator[tuple[str, Array, Array]]:
+def asked(
+    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
+) -> Iterator[tuple[str, Array, Array]]:
     """Of each field of inputs which are claimed of each word (words, L), and the steps to go by which (cells,)."""
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
-    nearest = np.where(steps > left, 0, left if stays else np.maximum(steps, 1))
+    nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
     for name, some in words.fields.items():
         if name == "select":
             one = some[:, None] == np.arange(len(words.inputs))
@@ -169,21 +171,23 @@ def asked(words: Words, ids: Array, fewest: Array, left: int, stays: bool) -> It
             yield name, some, np.full(len(ids), left)
 
 
-def of_steps(words: Words, ids: Array, fewest: Array, left: int, stays: bool) -> Iterator[tuple[str, int, Array]]:
+def of_steps(
+    words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
+) -> Iterator[tuple[str, int, Array]]:
     """Claims that cells are in sets: how many are made, and the cells of which they are not so."""
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
         made = steps != UNPROVED
-        bad = (steps > left) | ((steps != left) & stays) | (fewest > steps)
+        bad = (steps > left) | ((steps != left) & has_no_target) | (fewest > steps)
         yield "steps", int(made.sum()), np.flatnonzero(made & bad)
     if "select" in words.fields:
         arrived = words.fields["select"][ids] == ARRIVED
-        yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | stays))
+        yield "select", int(arrived.sum()), np.flatnonzero(arrived & ((fewest != 0) | has_no_target))
 
 
-def _fewest(sets: Any, start: int, left: int, stays: bool) -> Array:
+def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     """The fewest steps to go that are in the file, left + 1 where there are none: (cells,)."""
-    if stays:
+    if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1)
     for within in range(left, -1, -1):
@@ -192,10 +196,11 @@ def _fewest(sets: Any, start: int, left: int, stays: bool) -> Array:
 
 
 def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    """Of each claim about the exported words: its name, how many cases, and those that fail."""
     for start in tqdm(range(words.starts), desc="exported", disable=silent):
         ids, left = words.ids(start), words.steps - start
-        fewest = _fewest(sets, start, left, sets.stays)
-        for name, made, bad in of_steps(words, ids, fewest, left, sets.stays):
+        fewest = _fewest(sets, start, left, sets.has_no_target)
+        for name, made, bad in of_steps(words, ids, fewest, left, sets.has_no_target):
             yield name, made, [f"start {start}, cell {cell}" for cell in bad]
         if "clear" in words.fields:
             clear = np.unpackbits(
@@ -204,7 +209,7 @@ def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, in
             claimed = words.fields["clear"][ids]
             bad = np.flatnonzero((claimed & ~(clear.astype(bool) if left else clear > 1)).any(axis=1))
             yield "clear", int(claimed.sum()), [f"start {start}, cell {cell}" for cell in bad]
-        several = list(asked(words, ids, fewest, left, sets.stays))
+        several = list(asked(words, ids, fewest, left, sets.has_no_target))
         for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
             sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
             for name, some, steps in several:
@@ -215,6 +220,7 @@ def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, in
 
 
 def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    """Of each claim about the exported words, by the arm's rules: its name, cases, and those that fail."""
     world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
     every, kinds = (
         np.zeros((words.starts, rows, math.prod(sets.counts[2:].tolist())), np.uint32),

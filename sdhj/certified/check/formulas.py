@@ -51,14 +51,17 @@ class Reader:
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
+        """ValueError, with the number and the text of the line, unless it fits."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
+        """A whole number below some number; ValueError otherwise."""
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
     def real(self, word: str) -> float:
+        """A hexadecimal number; ValueError otherwise."""
         try:
             self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
             return float.fromhex(word)
@@ -67,9 +70,11 @@ class Reader:
             raise
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
+        """The numbers of earlier nodes that a line names as operands."""
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
 
     def read(self, lines: Any) -> "Formula":
+        """The formula that lines of text describe; ValueError with the line that is wrong."""
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES  # check 7.4
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -87,6 +92,7 @@ class Reader:
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
+        """The node of one line: an operation, and its operands or number."""
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
             if name == "const":
@@ -110,6 +116,7 @@ class Reader:
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
     def is_truth(self, node: Node) -> bool:
+        """Whether a node is a comparison, or a choice between or a constant of 0, 1 and NaN."""
         chosen = node.name == "where" and self.truths.issuperset(node.operands[1:])
         known = node.name == "const" and (node.given[0] in (0.0, 1.0) or math.isnan(node.given[0]))
         return node.name in TRUTHS or chosen or known
@@ -196,6 +203,7 @@ class Formula:
 
     @staticmethod
     def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
+        """The interval of one node over boxes [low, high] (M, coordinates), from those of its operands."""
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
@@ -229,8 +237,8 @@ class Formula:
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)
                 given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-                for place, ends in enumerate(self(low[own], high[own], given, sides)):
-                    out[0, own, place], out[1, own, place] = ends
+                for i, ends in enumerate(self(low[own], high[own], given, sides)):
+                    out[0, own, i], out[1, own, i] = ends
         return out
 
 

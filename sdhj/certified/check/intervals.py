@@ -41,6 +41,7 @@ def sure(low: Array, high: Array) -> Interval:
 
 
 def unless(undefined: Array, low: Array, high: Array) -> Interval:
+    """[low, high], and NaN where it is undefined."""
     return np.where(undefined, np.nan, low), np.where(undefined, np.nan, high)
 
 
@@ -60,11 +61,12 @@ def add(a: Interval, b: Interval) -> Interval:
 
 
 def sub(a: Interval, b: Interval) -> Interval:
+    """a - b = a + (-b), rounded outward."""
     return add(a, neg(b))  # check 6.25
 
 
 def rest(a: Array, b: Array, total: Array) -> Array:
-    """What rounding took from a sum, a + b - total: exactly (Knuth's sum of two), NaN where numbers are too large."""
+    """The rounding error a + b - total of a sum, exactly (Knuth's sum of two); NaN for too large numbers."""
     second = total - a
     return (a - (total - second)) + (b - second)
 
@@ -84,10 +86,12 @@ def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Int
 
 
 def mul(a: Interval, b: Interval) -> Interval:
+    """a b: the hull of the products of the ends, rounded outward."""
     return signed(np.multiply, a, b)
 
 
 def div(a: Interval, b: Interval) -> Interval:
+    """a / b: the hull of the quotients of the ends, rounded outward; NaN where b holds 0."""
     return unless((b[0] <= 0) & (b[1] >= 0), *signed(np.divide, a, b))  # check 6.8
 
 
@@ -99,6 +103,7 @@ def share(a: Interval, b: Interval) -> Interval:
 
 
 def neg(a: Interval) -> Interval:
+    """-[low, high] = [-high, -low], exactly."""
     return -a[1], -a[0]
 
 
@@ -118,6 +123,7 @@ def raised(x: Array, n: int) -> Interval:
 
 
 def power(a: Interval, n: int) -> Interval:
+    """a^n for a whole n: by squaring, as a product, or as 1 / a^-n."""
     if n < 0:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
@@ -145,6 +151,7 @@ def rising(
     """The rule of a function that rises, with values from `least` to `most`."""
 
     def rule(a: Interval) -> Interval:
+        """[f(low), f(high)], rounded outward and clipped to the function's range."""
         low, high = outward(function(a[0]), function(a[1]), UNITS, TINY)
         return np.maximum(low, least), np.minimum(high, most)
 
@@ -152,10 +159,12 @@ def rising(
 
 
 def sqrt(a: Interval) -> Interval:
+    """[sqrt(low), sqrt(high)], rounded outward; NaN where it may be undefined."""
     return above(0.0, *outward(np.sqrt(a[0]), np.sqrt(a[1])))
 
 
 def arccos(a: Interval) -> Interval:
+    """[arccos(high), arccos(low)], rounded outward, not below 0."""
     return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))  # check 6.30
 
 
@@ -163,6 +172,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
     """The rule of sine or cosine; a hill is there, in turns, and at every whole turn from it, a valley between two."""
 
     def rule(a: Interval) -> Interval:
+        """The hull of the ends' values, 1 where [low, high] may hold a maximum and -1 where a minimum."""
         begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
         doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
         hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
@@ -176,6 +186,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
 
 
 def tan(a: Interval) -> Interval:
+    """[tan(low), tan(high)], rounded outward; NaN where the interval may hold a pole."""
     begin, end = a[0] / np.pi + 0.5, a[1] / np.pi + 0.5  # whole at a pole
     doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
     pole = np.floor(begin - doubt) != np.floor(end + doubt)
@@ -223,22 +234,27 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
 
 
 def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
+    """[1, 1] where it is certain, [0, 0] where it never holds, else [0, 1]."""
     return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))  # check 6.20
 
 
 def less(a: Interval, b: Interval) -> Interval:
+    """a < b, as `truth`."""
     return truth(a[1] < b[0], a[0] >= b[1], a, b)  # check 6.32
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
+    """a <= b, as `truth`."""
     return truth(a[1] <= b[0], a[0] > b[1], a, b)  # check 6.33
 
 
 def equal(a: Interval, b: Interval) -> Interval:
+    """a == b, as `truth`."""
     return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)  # check 6.34
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
+    """a where the condition is certain, b where it never holds, else the hull of both."""
     yes, no = condition[0] == 1.0, condition[1] == 0.0
     low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))  # check 6.21
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
@@ -297,7 +313,7 @@ def at_points(table: Array, low: Array, high: Array) -> Array:
 
 
 def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
-    """As `at_points`, but of all nodes around a box, in blocks of so many that few are looked up."""
+    """The least and the greatest value at the nodes in and around boxes, as (2, M), looked up in blocks of nodes."""
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23
     blocks = tuple(1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1))
     if blocks not in kept:

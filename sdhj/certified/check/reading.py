@@ -48,11 +48,13 @@ def decimal(value: float) -> Fraction:
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
+    """ValueError with what was expected and what was given, unless it fits."""
     if not fits:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
+    """Whether a value is a whole number, no truth value, between `least` and `most`."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
 
 
@@ -71,7 +73,7 @@ def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[f
 
 @contextmanager
 def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """What a file tells and its arrays, its bytes those that were written; ValueError otherwise, OSError without it."""
+    """The head and the arrays of a file; ValueError if its bytes are not those written, OSError without it."""
     if not os.path.isfile(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
     with open(path, "rb") as stream:

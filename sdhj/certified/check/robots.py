@@ -106,7 +106,7 @@ class Robot(Sets):
         expect(not (self.jitter and self.moves.timed), "with jitter the velocity must not depend on time", self.jitter)
         self.length = self.delta + 2 * self.jitter  # of an interval, at most  # check 3.14
         self.always = 0.0, self.time(self.steps) + self.jitter
-        self.stays, self.periodic = self.target is None, self.grid.periodic
+        self.has_no_target, self.periodic = self.target is None, self.grid.periodic
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
@@ -130,7 +130,7 @@ class Robot(Sets):
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
-        """What the proof says of the cells: what they depend on, their moves, and which inputs are clear."""
+        """Read what the proof says of the cells: which axes they depend on, their moves, the clear inputs."""
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         # check 7.37
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
@@ -141,13 +141,16 @@ class Robot(Sets):
         self.off = np.array(reals("unsure", stated["unsure"], ndim, 0.0))  # check 7.41
         # check 7.16
         expect(bool((self.off >= self.error).all()), f"predictions are off by {self.error} at least", self.off)
-        moving, pairs = timed or any(part.moving for part in self.unsafe), (self.steps + 1) * (self.steps + 2) // 2
+        moving, pairs = (
+            timed or any(unsafe_set.moving for unsafe_set in self.unsafe),
+            (self.steps + 1) * (self.steps + 2) // 2,
+        )
         moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim  # check 7.12
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
-        self.timeless = len(self.index) != pairs
-        fits = not self.timeless or (not moving and len(self.index) in (1, self.steps + 1))  # check 7.13
+        self.time_invariant = len(self.index) != pairs
+        fits = not self.time_invariant or (not moving and len(self.index) in (1, self.steps + 1))  # check 7.13
         fits = fits and (self.target is not None or not endless or len(self.index) == 1)
         # check 7.14
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
@@ -180,6 +183,7 @@ class Robot(Sets):
         return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
 
     def cells(self, numbers: Array) -> Array:
+        """The cells (M, ndim) of numbers (M,)."""
         return np.stack(np.unravel_index(numbers, self.counts), axis=1)
 
     # ---- functions over boxes (2, M, axes), and times
@@ -228,7 +232,7 @@ class Robot(Sets):
         What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
         from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
         """
-        room, wrong, stride = self.off - self.error, [], self.delay / STRIDES  # check 3.37
+        allowed, wrong, stride = self.off - self.error, [], self.delay / STRIDES  # check 3.37
         places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
         boxes = np.where(self.known, self.ends(places), np.array([self.grid.lower, self.grid.upper])[:, None])
         cuts = [
@@ -239,7 +243,7 @@ class Robot(Sets):
         for j, times in product(inputs, cuts if self.moves.timed else cuts[:1]):  # check 3.42
             slow, fast = self.velocity(j, boxes, times)
             travel = [np.minimum(slow, 0).min(axis=0), np.maximum(fast, 0).max(axis=0)]  # check 3.40
-            if not self.stays_near(j, boxes, times, room, stride * np.array(travel)[:, None]).all():
+            if not self.stays_near(j, boxes, times, allowed, stride * np.array(travel)[:, None]).all():
                 wrong.append(f"input {j}, from {times[0]:.3g} s on")
         return wrong
 
@@ -261,6 +265,7 @@ class Robot(Sets):
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
+            """Displacements, stopped where a wall is reached; rounded outward there."""
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
@@ -290,23 +295,25 @@ class Robot(Sets):
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
         h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
         for _ in range(30):
-            room = box + OUTWARD * self.known * (grown + some)
-            out = np.stack(self.velocity(j, room, times))
+            enclosure = box + OUTWARD * self.known * (grown + some)
+            out = np.stack(self.velocity(j, enclosure, times))
             far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
-            if (~self.known | (OUTWARD * (room - box - far) > 0)).all():  # check 3.22
+            if (~self.known | (OUTWARD * (enclosure - box - far) > 0)).all():  # check 3.22
                 break
             grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
         # check 1.12
         more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-        room = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
+        enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
         faces = list(product(np.flatnonzero(self.known), (0, 1)))
-        every = np.tile(room, (1 + len(faces), 1, 1, 1))
+        every = np.tile(enclosure, (1 + len(faces), 1, 1, 1))
         for face, (axis, side) in zip(every[1:], faces, strict=True):
             face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]  # check 3.24
         # check 3.21
-        found = np.stack(self.velocity(j, np.concatenate(every, axis=1), times)).reshape(2, len(every), *room.shape[1:])
+        found = np.stack(self.velocity(j, np.concatenate(every, axis=1), times)).reshape(
+            2, len(every), *enclosure.shape[1:]
+        )
         out = found[:, 0]
         for own, (axis, side) in enumerate(faces, start=1):
             out[side, :, axis] = found[side, own, :, axis]  # check 3.25
@@ -330,14 +337,15 @@ class Robot(Sets):
             fits &= (first <= moved[0, :, axis] + sticks[axis]) & (moved[1, :, axis] <= last + sticks[axis])
         return fits
 
-    def stays_near(self, j: int, boxes: Array, times: Times, room: Array, travel: Array) -> Array:
+    def stays_near(self, j: int, boxes: Array, times: Times, allowed: Array, travel: Array) -> Array:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
 
         def near(box: Array) -> Array:
+            """Whether velocities in a box around the prediction differ from the undisturbed by little enough."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
-            apart = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
-            return np.all(apart * self.delay <= room * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
+            difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
+            return np.all(difference * self.delay <= allowed * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
 
         return everywhere(near, boxes, self.known, NEAREST)
 
@@ -347,6 +355,7 @@ class Robot(Sets):
         """Whether boxes (2, M, axes) are proved to be outside a set, or inside it, (M,)."""
 
         def holds(some: Array) -> Array:
+            """Whether boxes are surely inside, or surely outside, the set: <= 0, or > 0, everywhere."""
             least, most = self.value(part, some, times)
             return most <= 0 if inside else least > 0  # check 4.31
 
@@ -361,25 +370,27 @@ class Robot(Sets):
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
             whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            room = ROOM * grid.spacing[axis]
-            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
-            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
+            allowed = ROOM * grid.spacing[axis]
+            out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
+            out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
-        for part in self.unsafe:  # check 4.30
-            own, left = list(part.axes), np.flatnonzero(out)
-            if not part.moving:  # often the whole tube at once will do
+        for unsafe_set in self.unsafe:  # check 4.30
+            own, left = list(unsafe_set.axes), np.flatnonzero(out)
+            if not unsafe_set.moving:  # often the whole tube at once will do
                 # check 4.32
-                left = left[~self.outside(part, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)]
+                left = left[
+                    ~self.outside(unsafe_set, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)
+                ]
             for piece, times in enumerate(pairwise(cuts)):
                 box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near  # check 4.33
                 when = times[0] - self.jitter, times[1] + self.jitter  # check 4.40
-                good = self.outside(part, box[..., own], self.always if not part.moving else when, depth)
+                good = self.outside(unsafe_set, box[..., own], self.always if not unsafe_set.moving else when, depth)
                 good |= ~there[left, piece]
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
     def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
-        """As `clear_holds` of all cells, for blocks of those that move alike; False is open: (cells,) bool."""
+        """Which cells are clear, (cells,) bool, decided for blocks that move alike; False means still open."""
         counts, sides = self.counts, np.where(self.known, 1, SIDE)
         shape = -(-counts // sides)
         first = np.stack(np.unravel_index(np.arange(shape.prod()), shape), axis=1) * sides
@@ -407,10 +418,10 @@ class Robot(Sets):
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
         # check 5.15
-        times = self.always if self.timeless else (self.time(step) - self.jitter, self.time(step) + self.jitter)
+        times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
         box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
-        for part in self.unsafe:
-            out &= self.outside(part, box[..., list(part.axes)], times)  # check 5.14
+        for unsafe_set in self.unsafe:
+            out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
         return out & self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)
@@ -418,7 +429,7 @@ class Robot(Sets):
     def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
-        row = min(within, len(self.index) - 1) if self.timeless else row
+        row = min(within, len(self.index) - 1) if self.time_invariant else row
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
@@ -546,7 +557,7 @@ class Robot(Sets):
         """Goals, whether sets grow (without a target: shrink), and every step."""
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
-        starts = range(1 if self.timeless else self.steps + 1)
+        starts = range(1 if self.time_invariant else self.steps + 1)
         if len(self.index) == 1:  # what is safe for ever: it leads into itself
             rows = [(0, 0), (0, 1)]  # check 3.48
         else:
@@ -556,9 +567,9 @@ class Robot(Sets):
             name = NEARER if within else GOALS
             if within:
                 less = self.bits(step, within - 1)
-                if ((here & ~less) if self.stays else (less & ~here)).any():  # check 2.2
+                if ((here & ~less) if self.has_no_target else (less & ~here)).any():  # check 2.2
                     failed[GROW].append(f"start {step}, within {within}")
-                new = here if self.stays else here & ~less  # check 3.47
+                new = here if self.has_no_target else here & ~less  # check 3.47
             numbers = np.flatnonzero(new & chosen)
             counted[name][0] += int(new.sum())
             counted[name][1] += numbers.size

@@ -55,7 +55,7 @@ class ArmMotion(NamedTuple):
 
 
 @kernel()
-def touch_swept(link, moves1, moves2, arm, agent, room, block):
+def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
     """Set the bits of the pursuer's cells from which it can meet a link during one interval. In place.
 
     `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
@@ -63,11 +63,11 @@ def touch_swept(link, moves1, moves2, arm, agent, room, block):
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
-        n, remainder = links.link_points(link, moves1[part], moves2[part], arm, room)
-        size = links.convex_hull(n, room)
-        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.34
+        n, remainder = links.link_points(link, moves1[part], moves2[part], arm, scratch)
+        size = links.convex_hull(n, scratch)
+        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.34
         radius = agent.radius + CONTACT_MARGIN + remainder  # obligation 7.33
-        links.touch_cells(size, radius, growth, agent, rows, room, block)
+        links.touch_cells(size, radius, growth, agent, rows, scratch, block)
 
 
 @kernel(parallel=True)
@@ -80,11 +80,11 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
     for i1 in prange(n1):
-        room, first_link = links.make_room(), np.zeros(words, np.uint64)
-        touch_swept(0, moves1[i1], moves2[0], arm, agent, room, first_link)
+        scratch, first_link = links.allocate_scratch(), np.zeros(words, np.uint64)
+        touch_swept(0, moves1[i1], moves2[0], arm, agent, scratch, first_link)
         for i2 in range(n2):
             block = first_link.copy()
-            touch_swept(1, moves1[i1], moves2[i2], arm, agent, room, block)
+            touch_swept(1, moves1[i1], moves2[i2], arm, agent, scratch, block)
             for word in range(words):
                 out[i1, i2, word] = ~block[word]
             if bits % 64:
@@ -95,24 +95,24 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
 
 
 @kernel(inline="always")
-def joints_during(cell, tau0, tau1, room):
+def joints_during(cell, tau0, tau1, scratch):
     """`joint_ends` of both joints in room.ends; cell (2, 4) has low, high, slow and fast of each."""
     for joint in range(2):
         low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
-        links.joint_ends(low, high, slow, fast, tau0, tau1, room.ends[joint])
+        links.joint_ends(low, high, slow, fast, tau0, tau1, scratch.ends[joint])
 
 
 @kernel(inline="always")
-def disks_met(disks, instant, near, wanted, arm, room):
+def disks_met(disks, instant, near, wanted, arm, scratch):
     """Those of the `wanted` steps (bits) in which the arm, its joints within room.ends, may meet a disk.
 
     The disks are within a time `near` of where they are at an instant of the interval.
     """
     met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
-        n, remainder = links.link_points(link, room.ends[0], room.ends[1], arm, room)
-        size = links.convex_hull(n, room)
-        left, right, low, high = links.box_of(room.hull_x, room.hull_y, size)
+        n, remainder = links.link_points(link, scratch.ends[0], scratch.ends[1], arm, scratch)
+        size = links.convex_hull(n, scratch)
+        left, right, low, high = links.box_of(scratch.hull_x, scratch.hull_y, size)
         for step in range(len(centres)):
             bit = BIT << np.uint64(step)
             if wanted & bit == 0:
@@ -122,14 +122,14 @@ def disks_met(disks, instant, near, wanted, arm, room):
                 gap = radii[disk] + speeds[disk] * near + remainder + CONTACT_MARGIN  # obligation 7.34
                 if px < left - gap or px > right + gap or py < low - gap or py > high + gap:
                     continue
-                if links.hull_distance(px, py, size, room) <= gap:
+                if links.hull_distance(px, py, size, scratch) <= gap:
                     met |= bit
                     break
     return met
 
 
 @kernel()
-def steps_blocked(cell, disks, arm, room, wanted):
+def steps_blocked(cell, disks, arm, scratch, wanted):
     """Steps (bits) in whose interval the arm may meet a disk from a cell under one input; cell as in `joints_during`.
 
     The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that
@@ -141,13 +141,13 @@ def steps_blocked(cell, disks, arm, room, wanted):
         span, instant = disks.delta / (1 << deep), (2 * here + 1) << (disks.depth - deep)
         left = wanted[deep] & ~blocked
         if left != 0:
-            joints_during(cell, span * here, span * (here + 1), room)
-            left = disks_met(disks, instant, span / 2, left, arm, room)
+            joints_during(cell, span * here, span * (here + 1), scratch)
+            left = disks_met(disks, instant, span / 2, left, arm, scratch)
             if deep == disks.depth:
                 blocked |= left  # obligation 4.31
             elif left != 0:
-                joints_during(cell, span * (here + 0.5), span * (here + 0.5), room)
-                blocked |= disks_met(disks, instant, 0.0, left, arm, room)
+                joints_during(cell, span * (here + 0.5), span * (here + 0.5), scratch)
+                blocked |= disks_met(disks, instant, 0.0, left, arm, scratch)
             left &= ~blocked
         if left != 0:
             deep, here = deep + 1, 2 * here
@@ -168,14 +168,14 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
-        room, cell, wanted = links.make_room(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
+        scratch, cell, wanted = links.allocate_scratch(), np.empty((2, 4)), np.empty(disks.depth + 1, np.uint64)
         cell[0, 0], cell[0, 1] = ends1[i1, 0], ends1[i1, 1]
         for i2 in range(n2):
             cell[1, 0], cell[1, 1] = ends2[i2, 0], ends2[i2, 1]
             for j in range(inputs):
                 for joint in range(2):
                     cell[joint, 2], cell[joint, 3] = velocities[joint, j, 0], velocities[joint, j, 1]
-                blocked = steps_blocked(cell, disks, arm, room, wanted)
+                blocked = steps_blocked(cell, disks, arm, scratch, wanted)
                 for step in range(steps):
                     out[step, j, i1, i2] = (blocked >> np.uint64(step)) & BIT == 0
 
@@ -191,18 +191,21 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
-        room = links.make_room()
+        scratch = links.allocate_scratch()
         for i2 in range(n2):
             out[i1, i2] = 0
-            n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, room)
+            n, remainder = links.link_points(1, moves1[i1, 0], moves2[i2, 0], arm, scratch)
             for bit in range(agent.nx * agent.ny):
-                left = agent.x + (bit // agent.ny) * agent.width_x - agent.unsure
-                low = agent.y + (bit % agent.ny) * agent.width_y - agent.unsure
-                right, high = left + agent.width_x + 2 * agent.unsure, low + agent.width_y + 2 * agent.unsure
+                left = agent.x + (bit // agent.ny) * agent.width_x - agent.prediction_error
+                low = agent.y + (bit % agent.ny) * agent.width_y - agent.prediction_error
+                right, high = (
+                    left + agent.width_x + 2 * agent.prediction_error,
+                    low + agent.width_y + 2 * agent.prediction_error,
+                )
                 furthest = 0.0
                 for corner in range(2, n):
-                    dx = max(abs(room.x[corner] - left), abs(room.x[corner] - right))
-                    dy = max(abs(room.y[corner] - low), abs(room.y[corner] - high))
+                    dx = max(abs(scratch.x[corner] - left), abs(scratch.x[corner] - right))
+                    dy = max(abs(scratch.y[corner] - low), abs(scratch.y[corner] - high))
                     furthest = max(furthest, math.hypot(dx, dy))
                 if furthest + remainder + CONTACT_MARGIN <= radius:  # obligation 7.32
                     set_bits(out[i1, i2], bit, bit + 1)
@@ -233,7 +236,7 @@ def image_certified(cell, j, motion, cells, index, pool):
 
 
 @kernel()
-def pursuer_meets(cell, j, motion, room, block):
+def pursuer_meets(cell, j, motion, scratch, block):
     """Whether the pursuer of one cell can touch the arm under input j: what `pursuer_clear` says, for one cell.
 
     Half the margin of `pursuer_clear` is enough, and makes sure that a difference in rounding between the two never
@@ -243,18 +246,18 @@ def pursuer_meets(cell, j, motion, room, block):
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
     for part in range(parts):
-        growth = agent.unsure + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.35
+        growth = agent.prediction_error + agent.speed * agent.delta * (part + 1) / parts  # obligation 4.35
         ends1, ends2 = motion.moves[0, j, cell[0], part], motion.moves[1, j, cell[1], part]
         for link in range(LINKS):
-            n, remainder = links.link_points(link, ends1, ends2, motion.arm, room)
+            n, remainder = links.link_points(link, ends1, ends2, motion.arm, scratch)
             radius = agent.radius + 0.5 * CONTACT_MARGIN + remainder
-            least_x, most_x, least_y, most_y = links.box_of(room.x, room.y, n)
-            reach = radius + growth
-            beside = least_x - reach > left + agent.width_x or most_x + reach < left
-            if beside or least_y - reach > low + agent.width_y or most_y + reach < low:
+            least_x, most_x, least_y, most_y = links.box_of(scratch.x, scratch.y, n)
+            distance = radius + growth
+            beside = least_x - distance > left + agent.width_x or most_x + distance < left
+            if beside or least_y - distance > low + agent.width_y or most_y + distance < low:
                 continue
             block[bit >> 6] = 0
-            links.touch_cells(links.convex_hull(n, room), radius, growth, agent, rows, room, block)
+            links.touch_cells(links.convex_hull(n, scratch), radius, growth, agent, rows, scratch, block)
             if has_bit(block, bit):
                 return True
     return False
@@ -263,7 +266,7 @@ def pursuer_meets(cell, j, motion, room, block):
 @kernel(nogil=True)
 def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
     """The inputs certified for some cells (M, 4) and steps to go (M,), as `certified_inputs` says: out (M, L) bool."""
-    room = links.make_room()
+    scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     for m in range(len(some)):
         cell, following = some[m], max(min(ahead[m], len(sets)) - 1, 0)
@@ -272,4 +275,4 @@ def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
             if out[m, j] and len(sets) > 0:
                 out[m, j] = image_certified(cell, j, motion, cells, sets[following], pool)
             if out[m, j]:
-                out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, room, block))
+                out[m, j] = not (motion.pursued and pursuer_meets(cell, j, motion, scratch, block))

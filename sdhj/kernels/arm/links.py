@@ -35,10 +35,10 @@ class Agent(NamedTuple):
     width_y: float
     nx: int
     ny: int
-    unsure: float = 0.0  # by how much it may be out of its cell already
+    prediction_error: float = 0.0  # by how much it may be out of its cell already
 
 
-class LinkRoom(NamedTuple):
+class LinkScratch(NamedTuple):
     """Scratch: points, their hull, the upper and the lower boundary of the thick hull, and the ends of both joints."""
 
     x: FloatArray
@@ -50,8 +50,9 @@ class LinkRoom(NamedTuple):
 
 
 @kernel(forceinline=True)
-def make_room():
-    return LinkRoom(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
+def allocate_scratch():
+    """Scratch arrays for one thread."""
+    return LinkScratch(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
 
 
 # ---- where the arm can be
@@ -88,13 +89,13 @@ def joint_moves(ends, slow, fast, delta, parts):
 
 
 @kernel(forceinline=True)
-def link_points(link, ends1, ends2, arm, room):
+def link_points(link, ends1, ends2, arm, scratch):
     """Points whose hull holds a link for every q of the box, up to the remainder; return (how many, remainder).
 
     `arm` is (l1, l2, turn): the second link has length l2 and stands at the angle turn * q1 + q2, turn 0 or 1. The
     points are room.x and room.y.
     """
-    l1, l2, turn, x, y = arm[0], arm[1], arm[2], room.x, room.y
+    l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
     for e1 in range(2):
         x[e1], y[e1] = l1 * ends1[3 * e1 + 1], l1 * ends1[3 * e1 + 2]
@@ -113,12 +114,12 @@ def link_points(link, ends1, ends2, arm, room):
 
 
 @kernel(forceinline=True)
-def convex_hull(n, room):
+def convex_hull(n, scratch):
     """Counter-clockwise hull, in room.hull_x and hull_y, of n points, which are sorted in place; return its size.
 
     Andrew's monotone chain.
     """
-    x, y, hull_x, hull_y = room.x, room.y, room.hull_x, room.hull_y
+    x, y, hull_x, hull_y = scratch.x, scratch.y, scratch.hull_x, scratch.hull_y
     for i in range(1, n):
         px, py = x[i], y[i]
         k = i - 1
@@ -153,9 +154,9 @@ def box_of(x, y, n):
 
 
 @kernel(forceinline=True)
-def hull_distance(px, py, size, room):
+def hull_distance(px, py, size, scratch):
     """Distance from a point to the hull of `convex_hull`; 0 inside."""
-    hull_x, hull_y = room.hull_x, room.hull_y
+    hull_x, hull_y = scratch.hull_x, scratch.hull_y
     best = np.inf
     inside = size > 2
     for i in range(size):
@@ -178,7 +179,7 @@ def hull_distance(px, py, size, room):
 
 
 @kernel(forceinline=True)
-def thick_chain(first, last, step, radius, size, room, pieces):
+def thick_chain(first, last, step, radius, size, scratch, pieces):
     """The upper (step -1) or lower (step 1) boundary of {hull thickened by radius}, from left to right.
 
     The corners first, first + step, ..., last of the hull, modulo its size, are the chain: x grows along it. Its
@@ -186,7 +187,7 @@ def thick_chain(first, last, step, radius, size, room, pieces):
     (2 corners - 1, 4), modified in place: the x where the piece ends, and for an arc (nan, centre), for an edge (slope,
     a point), y times -step.
     """
-    hull_x, hull_y, sign = room.hull_x, room.hull_y, -float(step)
+    hull_x, hull_y, sign = scratch.hull_x, scratch.hull_y, -float(step)
     count = 0
     k = after = first
     while after != last:
@@ -222,22 +223,22 @@ def piece_height(pieces, at, xq, radius):
 
 
 @kernel(forceinline=True)
-def touch_cells(size, radius, growth, agent, rows, room, block):
+def touch_cells(size, radius, growth, agent, rows, scratch, block):
     """Set the bits of the cells which, grown by `growth` on each side, meet the hull thickened by `radius`. In place.
 
     The hull is that of `convex_hull`. Only the rows of cells rows[0] <= x < rows[1] are looked at. The part of a convex
     shape over a strip has its highest point over the point of the strip nearest to the shape's top, so one height of
     each boundary decides a row of cells.
     """
-    hull_x, hull_y, upper, lower = room.hull_x, room.hull_y, room.chains[0], room.chains[1]
+    hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner
     for i in range(1, size):
         top = i if hull_y[i] > hull_y[top] else top
         bottom = i if hull_y[i] < hull_y[bottom] else bottom
         lower_right = i if hull_x[i] > hull_x[lower_right] else lower_right
         upper_right = i if hull_x[i] >= hull_x[upper_right] else upper_right
-    thick_chain(size - 1 if hull_x[size - 1] == hull_x[0] else 0, upper_right, -1, radius, size, room, upper)
-    thick_chain(0, lower_right, 1, radius, size, room, lower)
+    thick_chain(size - 1 if hull_x[size - 1] == hull_x[0] else 0, upper_right, -1, radius, size, scratch, upper)
+    thick_chain(0, lower_right, 1, radius, size, scratch, lower)
     x_left, x_right = hull_x[0] - radius, hull_x[upper_right] + radius
     begin = max(math.floor((x_left - growth - agent.x) / agent.width_x), rows[0])
     end = min(math.floor((x_right + growth - agent.x) / agent.width_x) + 1, rows[1])

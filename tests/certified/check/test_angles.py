@@ -39,16 +39,16 @@ def both(name):
     formula = Formula.read(name, FUNCTIONS[name], 2, "t")
     lines = written(formula.outputs, [])
     checked = read(name, {"coordinates": 2, "parameters": 1, "lines": lines}, 2, 1, lambda number, axes: None)
-    return formula.apart, lambda *given: [end[:, 0] for end in checked.bounds(*given)]
+    return formula.bounds_by_branch, lambda *given: [end[:, 0] for end in checked.bounds(*given)]
 
 
 def test_the_prover_trusts_no_library_of_the_system(monkeypatch):
     """Its angles are its own: NumPy's could be wrong."""
     low, high = np.array([[-1.0, -0.1], [-1.0, 0.1]]), np.array([[-0.5, 0.1], [-0.9, 0.2]])
     formula = Formula.read("bearing", lambda p, t: np.abs(np.arctan2(p[:, 1], p[:, 0])) - 3.0, 2, "t")
-    formula.apart(low, high, (0.0, 0.0))  # compiled with NumPy as it is
+    formula.bounds_by_branch(low, high, (0.0, 0.0))  # compiled with NumPy as it is
     monkeypatch.setattr(np, "arctan2", lambda y, x: np.full(np.broadcast(y, x).shape, 0.5))
-    least, most = formula.apart(low, high, (0.0, 0.0))
+    least, most = formula.bounds_by_branch(low, high, (0.0, 0.0))
     np.testing.assert_allclose(least, np.pi - np.array([np.atan(0.2), np.atan(0.2 / 0.9)]) - 3.0, rtol=1e-12)
     np.testing.assert_allclose(most, np.pi - np.array([0.0, np.atan(0.1)]) - 3.0, rtol=1e-12)
 

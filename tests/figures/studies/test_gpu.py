@@ -52,5 +52,5 @@ def test_card_and_processor_agree_to_the_last_bit(tmp_path: Path) -> None:
     for step in range(steps):
         for within, tube in enumerate(tubes[step].reshape(-1, *table.grid.shape)[1:], 1):
             np.testing.assert_array_equal(tube, table.value_array(step, within))
-            np.testing.assert_array_equal(marks[step][within - 1], table.mask_array(step, within))
+            np.testing.assert_array_equal(marks[step][within - 1], table.mark_array(step, within))
     assert 0.05 < np.mean(marks[0][-1] > 0) < 0.8

@@ -109,7 +109,7 @@ class Scene:
         return [(a, b) for a in values for b in values]
 
     def world(self, edges: Sequence[Array]) -> World:
-        """What the compiled kernels read; ValueError where a number is too large for the bound on rounding."""
+        """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound."""
         given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
@@ -269,9 +269,9 @@ def counted(arm: Any) -> tuple[Array, Claim]:
     grid = np.arange(index.shape[1]).reshape(arm.counts[:2])
     beside = [np.roll(grid, side, axis).ravel() for axis in (0, 1) for side in (-1, 1)]
     counts, wrong = np.zeros((index.shape[1], arm.steps + 1, 2), np.int64), []
-    for place, (start, within) in enumerate(arm.pairs):
-        here = index[place]
-        less = index[place - 1] if within else np.zeros_like(here)
+    for i, (start, within) in enumerate(arm.pairs):
+        here = index[i]
+        less = index[i - 1] if within else np.zeros_like(here)
         rows = np.flatnonzero(here != less) if within else np.arange(here.size)
         new, old = pool[here[rows]], pool[less[rows]]
         if within and (old & ~new).any():  # check 2.1

@@ -48,11 +48,13 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
 
 
 def near(one: Any, other: Any) -> bool:
+    """Whether two arrays have the same shape and differ by less than `CLOSE`."""
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     return one.shape[-1:] == other.shape[-1:] and one.size == other.size and bool((np.abs(one - other) < CLOSE).all())
 
 
 def chased(scene: Any) -> bool:
+    """Whether the adversary is a pursuer."""
     return bool(scene.agent == "pursuer")
 
 

@@ -134,7 +134,7 @@ def check_steps(i1, i2, world, stored, bench, todo):
 
 @compiled()
 def unproved(i1, i2, world, stored):
-    """What is not proved of the cells that each set adds in a row; (entries, words)."""
+    """The cells that each set adds in a row and that are not proved; (entries, words)."""
     bench, row = bench_of(i1, i2, world), i1 * (world.q2.size - 1) + i2
     todo = np.empty((stored.places.shape[0], stored.pool.shape[1]), np.uint64)
     for place in range(len(todo)):

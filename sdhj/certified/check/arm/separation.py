@@ -116,7 +116,7 @@ def disk_at(disk, t):
 
 @compiled(**UNCOUNTED)
 def body_of(box, body, start, world):
-    """What a link must not meet: centre, half sizes of the box it is in, moves around it, and distance at contact.
+    """The body that a link must not meet: centre, half sizes of its box, moves around it, contact distance.
 
     body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the
     one in the middle of the time, h being half its length, v the velocity there and bend = h^2 / 2 times the
@@ -169,6 +169,7 @@ def separated(link, pose, body, turn):
 
 @compiled(**UNCOUNTED)
 def copy(source, target):
+    """target[k] = source[k] for all k."""
     for k in range(source.size):
         target[k] = source[k]
 
