@@ -84,8 +84,8 @@ class BlackBox:
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
 
         def change(by: Array, duration: float) -> Array:
-            # check 1.13
             """At most how far values change over displacements `by` and a duration: slope |by| + rate duration."""
+            # check 1.13
             far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
             far = far + duration * (0.0 if rate is None else np.array(rate))  # check 1.14
             return np.broadcast_to(far, (len(low), self.components)).repeat(self.results // self.components, axis=1)
