@@ -304,7 +304,7 @@ def test_reachable_states_are_the_true_set(rng):
     halves = problem.delta * (gain * bounds).T
     corners = naive_zonotopes.polygon(naive_zonotopes.vertices(halves))
     sides = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.5]])
-    ends = interval.grouped_reach_sets(np.array([[1.0, 1.0]]), sides)[0]
+    ends = interval.reaches(np.array([[1.0, 1.0]]), sides)[0]
     for j in range(len(drift)):
         middle = problem.delta * drift[j]
         np.testing.assert_allclose(low[0, j], middle + corners.min(axis=0), atol=1e-12)

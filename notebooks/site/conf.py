@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from docutils import nodes
 
 import sdhj
 from sdhj.formulas.rules import RULES
@@ -72,7 +71,7 @@ TAGS = {
 }
 MENTIONED = re.compile(r"(\([0-9]{1,2}\.[0-9]{1,2}'?\)|\b[Cc]hapters? [0-9]+(?:(?:,|,? and| to) [0-9]+)*)")
 ONE = re.compile(r"(\(.*\)|(?:[Cc]hapters? )?[0-9]+)")  # of what is mentioned
-UNLINKED = (nodes.title, nodes.reference, nodes.literal, nodes.literal_block, nodes.math, nodes.math_block, nodes.raw)
+UNLINKED = "title", "reference", "literal", "literal_block", "math", "math_block", "raw"  # nodes of docutils
 html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 html_copy_source = False
@@ -197,14 +196,16 @@ def as_plain_text(app: Any, what: str, name: str, obj: Any, options: Any, lines:
 
 def with_links(app: Any, doctree: Any) -> None:
     """Chapters and numbered formulas that the text mentions link themselves, but for those of the page itself."""
-    docname = app.env.docname
+    from docutils import nodes  # Sphinx brings it; tests read this file without
+
+    docname, unlinked = app.env.docname, tuple(getattr(nodes, name) for name in UNLINKED)
     if docname == "site/reading":  # the chapters of books
         return
     for text in list(doctree.findall(nodes.Text)):
         above, node = [], text
         while node := node.parent:
             above.append(node)
-        if any(isinstance(parent, UNLINKED) for parent in above):
+        if any(isinstance(parent, unlinked) for parent in above):
             continue
         pieces: list[Any] = []
         for part in MENTIONED.split(text.astext()):
@@ -235,6 +236,8 @@ def formula_name(tag: str) -> str:
 
 def as_written(app: Any, doctree: Any) -> None:
     """Displayed formulas as they stand: Sphinx would wrap rows into an environment in which no tag is allowed."""
+    from docutils import nodes
+
     for formula in doctree.findall(nodes.math_block):
         formula["ids"] += [formula_name(tag) for tag in TAG.findall(formula.astext())]
         formula["no-wrap"] = True

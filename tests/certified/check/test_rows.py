@@ -132,7 +132,7 @@ class Twin:
                 return True
         return False
 
-    def grouped_reach_sets(self, cell, j, place):
+    def reaches(self, cell, j, place):
         ends = [self.ends[0][j, cell[0]], self.ends[1][j, cell[1]], self.along[0][cell[2]], self.along[1][cell[3]]]
         return all(self.cells[(place, *end)] for end in itertools.product(*ends))
 
@@ -160,7 +160,7 @@ def test_nothing_that_samples_refute_is_proved(evader, rng):
                     following = naive.place_of(twin.steps, k + 1, n - 1)
                     refuted = all(
                         not twin.allowed[k, j, cell[0], cell[1]]
-                        or not twin.grouped_reach_sets(cell, j, following)
+                        or not twin.reaches(cell, j, following)
                         or twin.touches(cell, j, 0.0, twin.world.delta, agent)
                         for j in range(9)
                     )
