@@ -2,7 +2,7 @@
 
 Seconds of a processor, in one thread, for what the paper counts: constraints, avoid tubes and recursion. Of the steps
 of the recursion, which are all alike, some are timed, and the quickest is taken as many times as there are steps. The
-least of several rounds counts, in which the methods take turns, so that what else the machine does falls on both.
+least of up to three rounds counts, in which the methods take turns, so that what else the machine does falls on both.
 """
 
 import time
@@ -38,6 +38,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "default": {"linewidth": 0.8, "markersize": 2.5},
 }
 ROUNDS = 3
+SHORT = 8.0  # seconds of rounds after which no other begins: what takes longer scatters less
 ENOUGH = 1.0  # seconds of steps of the recursion that are timed, or one step
 LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
@@ -67,7 +68,9 @@ def measure(nodes: Sequence[int], say: Callable[[str], Any]) -> Measured:
         whole = [tuple(range(problem.grid.ndim))]
         updates = [node_updates(problem, spaces) for spaces in (whole, default_subspaces(problem))]
         for name, methods in SCHEMES.items():
-            rounds = [[seconds_of_a_thread(problem, method) for method in methods.values()] for _ in range(ROUNDS)]
+            rounds, began = list[list[float]](), time.process_time()
+            while len(rounds) < ROUNDS and (not rounds or time.process_time() - began < SHORT):
+                rounds.append([seconds_of_a_thread(problem, method) for method in methods.values()])
             seconds = np.min(rounds, axis=0).tolist()
             if count not in nodes:
                 continue
