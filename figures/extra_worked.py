@@ -98,14 +98,14 @@ def drone(nodes: int = 11, rod: float = ROD, radius: float = RADIUS) -> sdhj.Rea
 # A pursuer on a circle
 # --------------------------------------------------------------------------------------------------------------------
 
-TRACK, STENCIL_RADIUS = 1.0, 0.45  # m: of the circle; of both disks together
+TRACK, REACH = 1.0, 0.45  # m: of the circle; of both disks together
 
 
 def ring(nodes: int = 41) -> sdhj.ReachAvoidProblem:
     """A robot that has to get to the middle of a circular track, on which a guard runs: C^p is an angle, W a plane."""
 
     def caught(q: FloatArray, t: float) -> FloatArray:
-        return np.hypot(q[:, 0] - TRACK * np.cos(q[:, 2]), q[:, 1] - TRACK * np.sin(q[:, 2])) - STENCIL_RADIUS
+        return np.hypot(q[:, 0] - TRACK * np.cos(q[:, 2]), q[:, 1] - TRACK * np.sin(q[:, 2])) - REACH
 
     speeds = 0.8 * np.array([[*direction, 0.0] for direction in EIGHT])  # m/s, m/s; the guard's angle is not ours
     names = ["$x$ (m)", "$y$ (m)", "guard (rad)"]

@@ -45,7 +45,7 @@ def draw_lookup(figure: Figure, table: Table, run: Trajectory) -> None:
     """
     samples = run.samples
     promised = [int(n) for n in run.steps_to_go]
-    if run.outcome == "reached":  # by the true target: S_k^N on the grid may miss its padding
+    if run.outcome == "reached":  # by the true target: S_k^N on the grid may miss its boundary
         promised.append(0)
     framed = []
     for k in range(table.steps + 1):

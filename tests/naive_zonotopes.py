@@ -29,7 +29,7 @@ def vertices(halves):
 
 
 def points_of(halves, apart):
-    """Points (P, ndim) of that sum: its corners, and points no farther `bounds_by_branch`, one in a square."""
+    """Points (P, ndim) of that sum: its corners, and points no farther `apart`, one in a square."""
     each = [np.linspace(-1.0, 1.0, 2 + math.ceil(2 * np.abs(half).max() / apart)) for half in halves]
     points = np.array(list(itertools.product(*each))) @ np.asarray(halves)
     some = np.unique(np.round(points / apart), axis=0, return_index=True)[1]

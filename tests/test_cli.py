@@ -200,10 +200,10 @@ def test_info_says_what_a_promise_rests_on(tmp_path):
     own = unicycle_problem(nodes=(9, 9, 8), steps=1)
     ends, (post,) = ["unsafe", ["wall", "safe"], "unsafe"], own.unsafe
     grid = sdhj.Grid(own.grid.lower, own.grid.upper, own.grid.shape, own.grid.periodic, ends=ends)
-    has_no_target = dataclasses.replace(
+    without_target = dataclasses.replace(
         own, grid=grid, target=None, steps=None, unsafe=(dataclasses.replace(post, sampling="cell"),)
     )
-    sdhj.solve(has_no_target, progress=False, play=False).save(tmp_path / "stays.h5")
+    sdhj.solve(without_target, progress=False, play=False).save(tmp_path / "stays.h5")
     shown = run("info", tmp_path / "stays.h5").output
     for text in (
         "  x1: 9 nodes on [-1.5, 1.5], bounded, unsafe ends\n",

@@ -155,11 +155,11 @@ def test_what_never_settles_ends_at_the_cap(monkeypatch):
 def test_the_reserve_is_a_distance_in_cells(rng):
     """Against the distance to every node that leaves, and to every place past an unsafe end."""
     grid = sdhj.Grid([0, 0], [1, 1], [9, 8], [False, True], ends=[("unsafe", "wall"), "wall"])
-    has_no_target = rng.random(grid.shape) < 0.9
+    invariant = rng.random(grid.shape) < 0.9
     leaves = [(-1, j) for j in range(-8, 16)]  # past the unsafe end
-    leaves += [(i, j + turn) for i, j in np.argwhere(~has_no_target) for turn in (-8, 0, 8)]
-    kept = [(i, j + turn) for i, j in np.argwhere(has_no_target) for turn in (-8, 0, 8)]
-    found = cells_inside(grid, has_no_target)
+    leaves += [(i, j + turn) for i, j in np.argwhere(~invariant) for turn in (-8, 0, 8)]
+    kept = [(i, j + turn) for i, j in np.argwhere(invariant) for turn in (-8, 0, 8)]
+    found = cells_inside(grid, invariant)
     for node in np.ndindex(grid.shape):
         to_leaves, to_kept = (min(np.hypot(node[0] - i, node[1] - j) for i, j in some) for some in (leaves, kept))
-        assert found[node] == pytest.approx(2 - to_leaves if has_no_target[node] else 1 + to_kept)
+        assert found[node] == pytest.approx(2 - to_leaves if invariant[node] else 1 + to_kept)

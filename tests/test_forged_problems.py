@@ -433,14 +433,14 @@ KNOWN = {"many zeros", "parts past counting"}  # a table of nothing that fits; a
 
 def test_for_ever_is_claimed_by_the_sets_themselves(saved, tmp_path):
     """Sets for some steps cannot say that they are for ever."""
-    has_no_target = dataclasses.replace(problem(robot), target=None, sensing=sdhj.Sensing())
+    without_target = dataclasses.replace(problem(robot), target=None, sensing=sdhj.Sensing())
     path = tmp_path / "some.h5"
-    sdhj.solve(has_no_target, sdhj.Certified([24, 24]), progress=False, play=False).save(path)
+    sdhj.solve(without_target, sdhj.Certified([24, 24]), progress=False, play=False).save(path)
     assert verify(path, progress=False).ok
     with forged(path, named=True) as (told, _):
         told["details"]["endless"] = True
     with pytest.raises(sdhj.TableFileError, match="says to be for ever"):
-        sdhj.load(path, problem=dataclasses.replace(has_no_target, steps=None))
+        sdhj.load(path, problem=dataclasses.replace(without_target, steps=None))
     with pytest.raises(ValueError, match="arrays must be of the problem"):
         verify(path, progress=False)
 

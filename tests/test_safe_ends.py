@@ -108,8 +108,8 @@ def test_what_has_left_does_not_come_back(name):
     unsafe, truth = table.values(start=0, within=4) > 0, turned_into_at_nodes()
     assert within_cells(table.grid, unsafe != truth, turned_into, 2)
     assert np.mean(unsafe != truth) < 0.1 * truth.mean()
-    padding = np.hypot(*table.grid.points().T).reshape(table.grid.shape) > 0.96  # met only after having left
-    assert not unsafe[padding].any() and truth.mean() > 0.1
+    outside = np.hypot(*table.grid.points().T).reshape(table.grid.shape) > 0.96  # met only after having left
+    assert not unsafe[outside].any() and truth.mean() > 0.1
 
 
 @pytest.mark.parametrize("delta", [pytest.param(0.1, marks=pytest.mark.slow), 1.0])

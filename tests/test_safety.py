@@ -96,8 +96,8 @@ def test_without_a_target_the_sets_shrink_and_settle():
     assert shares == sorted(shares, reverse=True) and shares[0] == 1.0
     ever = settled(0.0, 51)
     assert shares[ever.steps] == shares[60] < shares[max(ever.steps // 2, 1)]
-    has_no_target = np.pad(table.values(start=0, within=60) <= 0, 1)  # and past the unsafe ends nothing does
-    around = [has_no_target[i : i + n, j : j + m] for n, m in [table.grid.shape] for i in range(3) for j in range(3)]
+    safe = np.pad(table.values(start=0, within=60) <= 0, 1)  # and past the unsafe ends nothing does
+    around = [safe[i : i + n, j : j + m] for n, m in [table.grid.shape] for i in range(3) for j in range(3)]
     np.testing.assert_array_equal(ever.values(start=0, within=1) <= 0, np.all(around, axis=0))  # a cell is kept
     np.testing.assert_array_equal(ever.inputs(start=0, within=1), table.inputs(start=0, within=60))
     assert len(table.tubes) <= 61 < len(table.index)  # one for each number of steps, however many start

@@ -58,13 +58,13 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
     sensing, b, n = Sensing(0.03, delay, rest=REST), 0.2, 5
     table = sdhj.solve(replace(toys.interval_problem(nodes=161), sensing=sensing), method, play=False)
     controller, (half, box) = Controller(table), closed_form(sensing, n)
-    padding = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
+    boundary = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
     inward = np.array([[0.01], [-0.01]])
     assert (
-        controller.admissible(padding + inward, step=0).all()
-        and not controller.admissible(padding - inward, step=0).any()
+        controller.admissible(boundary + inward, step=0).all()
+        and not controller.admissible(boundary - inward, step=0).any()
     )
-    assert controller.admissible(padding[0] + 0.01, step=0) is True
+    assert controller.admissible(boundary[0] + 0.01, step=0) is True
 
     def lost(y, error, push):
         """Own integration of a run whose first measurement is y: measured with an error, held, pushed away."""
@@ -80,10 +80,10 @@ def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
             x += (0.5 - delay) * (held + push * b * np.sign(x))
         return True
 
-    for side, y in zip((-1, 1), padding[:, 0], strict=True):
+    for side, y in zip((-1, 1), boundary[:, 0], strict=True):
         for error, push in ((0.03, 1.0), (-0.03, 1.0), (0.0, 0.5)):
             assert not lost(y - side * 0.01, error, push)
-    going_on = padding[1] + 0.03  # in the set as it is, but the robot goes on by d before it can turn back
+    going_on = boundary[1] + 0.03  # in the set as it is, but the robot goes on by d before it can turn back
     assert table.contains([going_on], start=0, within=n)[0] and not controller.admissible(going_on, step=0)
 
 

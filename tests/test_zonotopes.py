@@ -192,7 +192,7 @@ def test_the_octagon_by_brute_force():
     true = naive_zonotopes.shares_won(*given, 0.5 * COMPASS, (OCTAGON * SIDES).T, walls, target, 0.25, 24)[-1]
     lax, hji = (share(octagon(), method) for method in ("lax", "hji"))
     assert lax == pytest.approx(hji, rel=0.03)
-    assert abs(lax - true) <= 0.06 * true  # a third of a cell, at a padding 4 cells wide
+    assert abs(lax - true) <= 0.06 * true  # a third of a cell, in a ring 4 cells wide
     assert share(octagon(gain=np.eye(2), bounds=[0.3, 0.3]), "lax") < 0.4 * lax
 
 
@@ -208,7 +208,7 @@ def test_the_games_converge_to_brute_force():
     assert errors[0] > errors[1] > errors[2] and errors[2] < 0.004
 
 
-def growth_bound(drift):
+def carried(drift):
     """The gust on a conveyor."""
     problem = gust(41, steps=3)
     dynamics = sdhj.Dynamics(COMPASS, drift, DIAGONAL, [0.9])
@@ -217,9 +217,9 @@ def growth_bound(drift):
 
 def test_a_drift_that_changes_with_time_leaves_segments():
     """A conveyor whose speed differs by 5 % within the horizon is like one that keeps its speed."""
-    timed = growth_bound(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
+    timed = carried(lambda q, u, t: u + np.stack([0.1 * np.cos(t), 0.0 * t]))
     assert timed.dynamics.timed and timed.interval(0).segments((0, 1)).shape[1] == 1
-    assert share(timed, "lax") == pytest.approx(share(growth_bound(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
+    assert share(timed, "lax") == pytest.approx(share(carried(COMPASS + np.array([0.1, 0.0])), "lax"), rel=0.02)
 
 
 def test_intervals_that_may_end_early_keep_their_shape():

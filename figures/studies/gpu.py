@@ -197,10 +197,10 @@ class Game:
         """Sample the sets on the processor: targets, and of each step what is to be avoided."""
         problem, steps = self.problem, range(self.steps)
         self.goals = [problem.goal(step).astype(np.float32).reshape(1, -1) for step in range(self.steps + 1)]
-        (moves,), (has_no_target,) = (
+        (moves,), (still,) = (
             [part for part in problem.unsafe if problem.moves(part) == kind] for kind in (True, False)
         )
-        obstacles = [ObstacleFunction.of(problem, part, problem.avoid_axes(part)) for part in (moves, has_no_target)]
+        obstacles = [ObstacleFunction.of(problem, part, problem.avoid_axes(part)) for part in (moves, still)]
         assert obstacles[0].axes == tuple(range(len(obstacles[0].axes))) and obstacles[1].axes == self.games.axes
         # rounded alike
         lasts = self.games.duration * (pieces := self.games.formula.pieces([*obstacles[0].axes])) / pieces

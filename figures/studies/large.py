@@ -125,7 +125,7 @@ def car_hunt(q: FloatArray, u: FloatArray, left: float) -> FloatArray:
 
 # ---- arms of some links with some pursuers: (q1, ..., then px and py of each)
 
-STENCIL_RADIUS, BOX, CATCH, TIP, TIP_RADIUS = 0.3, 0.36, 0.05, (0.05, 0.2), 0.08
+REACH, BOX, CATCH, TIP, TIP_RADIUS = 0.3, 0.36, 0.05, (0.05, 0.2), 0.08
 POST, POST_RADIUS = (-0.2, 0.1), 0.07
 
 
@@ -149,7 +149,7 @@ class ArmPursued:
         """Base, elbows and tip of states (M, >= links)."""
         found, angle = [(0.0 * q[:, 0], 0.0 * q[:, 0])], 0.0
         for joint in range(self.links):
-            angle, (x, y), link = angle + q[:, joint], found[-1], STENCIL_RADIUS / self.links
+            angle, (x, y), link = angle + q[:, joint], found[-1], REACH / self.links
             found.append((x + link * np.cos(angle), y + link * np.sin(angle)))
         return found
 
@@ -157,7 +157,7 @@ class ArmPursued:
         """Distance (M,) of the links from a point, or from one for each state."""
         gaps = []
         for (x0, y0), (x1, y1) in pairwise(self.joints(q)):
-            along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / (STENCIL_RADIUS / self.links) ** 2
+            along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / (REACH / self.links) ** 2
             share = np.clip(along, 0.0, 1.0)
             gaps.append(np.hypot(x0 + share * (x1 - x0) - x, y0 + share * (y1 - y0) - y))
         return reduce(np.minimum, gaps)

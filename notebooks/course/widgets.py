@@ -386,16 +386,14 @@ def _whole(control: Any) -> Any:
 
 WORKING = "<div role='status' style='line-height:1.4; color:#555555'>solving ... (the first time also compiling)</div>"
 LABEL = {"description_width": "13em"}
-TRUE_SETS_TOO = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
+LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
 
 
 def slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
     """A slider; with live=False it acts only where it is let go."""
     kind = ipywidgets.IntSlider if all(isinstance(v, int) for v in (low, high, step, value)) else ipywidgets.FloatSlider
     shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f"}
-    return kind(
-        value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **TRUE_SETS_TOO
-    )
+    return kind(value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **LOOK)
 
 
 def played(control: Any, interval: int = 250) -> Any:
@@ -410,7 +408,7 @@ def played(control: Any, interval: int = 250) -> Any:
 
 
 def choice(label: str, options: Sequence[Any], value: Any) -> Any:
-    return ipywidgets.Dropdown(options=options, value=value, description=label, **TRUE_SETS_TOO)
+    return ipywidgets.Dropdown(options=options, value=value, description=label, **LOOK)
 
 
 def angle(label: str, value: float, step: float = 0.02) -> Any:

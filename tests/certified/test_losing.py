@@ -49,7 +49,7 @@ def test_closed_form_of_what_cannot_stay():
 
 
 def test_kernel_does_as_plain_loops_say(rng):
-    for has_no_target in (False, True):
+    for staying in (False, True):
         table = solved(unicycle_problem(), cells=(8, 8, 16), parts=2)
         counts, cells = table.shape, cells_of(table.axes, 2)
         own, following = (rng.random(counts) < share for share in (0.6, 0.8))
@@ -58,10 +58,10 @@ def test_kernel_does_as_plain_loops_say(rng):
         strides, safe = np.array([0, 0, 1]), np.array([[-np.inf] * 3, [np.inf] * 3])
         packed, all_clear = [to_words(one.reshape(64, 16)) for one in (own, following)], np.zeros((0, 0), np.uint8)
         near = rng.random((64, 1)) < 0.9
-        grow(near, *packed, all_clear, Moves(low, high, strides, safe), 3, cells, not has_no_target)
+        grow(near, *packed, all_clear, Moves(low, high, strides, safe), 3, cells, not staying)
         expected = own.copy()
         for cell in np.ndindex(counts):
-            if near[8 * cell[0] + cell[1]] and own[cell] != has_no_target:
+            if near[8 * cell[0] + cell[1]] and own[cell] != staying:
                 lost = True
                 for j in range(3):
                     images = []
@@ -73,7 +73,7 @@ def test_kernel_does_as_plain_loops_say(rng):
                         ]
                         images.append(following[np.ix_(*at)].all())
                     lost &= any(images)
-                expected[cell] = lost if lost == has_no_target else own[cell] and lost
+                expected[cell] = lost if lost == staying else own[cell] and lost
         assert np.array_equal(to_bits(packed[0], 16).reshape(counts), expected)
         assert (expected != own).any() and expected.any()
 

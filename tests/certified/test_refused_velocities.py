@@ -39,7 +39,7 @@ CELLS = sdhj.Certified(cells=[400], parts=40)
 def test_where_nothing_can_be_proved_is_named_and_the_advice_helps(velocity, says, limited):
     with pytest.raises(ValueError, match=says):
         sdhj.solve(line(velocity), CELLS, play=False)
-    # the goal's share is 0.6 / 4, less its padding
+    # the goal's share is 0.6 / 4, less its boundary
     assert sdhj.solve(line(limited), CELLS, play=False).fraction() > 0.075
 
 

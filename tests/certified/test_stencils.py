@@ -178,7 +178,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
                 for c, n, wraps, a, b in zip(cell, counts, periodic, low[j, cell[0]], high[j, cell[0]], strict=True)
             ]
             leads.append(following[np.ix_(*at)].all() and (groups > 1 or bool(clear[number, 0] >> j & 1)))
-        add_predecessors = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
-        expected[cell] = inside[cell] and add_predecessors if keep else inside[cell] or add_predecessors
+        leads_there = all(any(leads[group * 4 // groups : (group + 1) * 4 // groups]) for group in range(groups))
+        expected[cell] = inside[cell] and leads_there if keep else inside[cell] or leads_there
     assert np.array_equal(to_bits(found, int(counts[1])), expected)
     assert (expected != inside).any() and expected.any() and not expected.all()

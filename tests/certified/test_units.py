@@ -209,8 +209,8 @@ def test_other_units_make_a_cell_of_difference(name, unit, tmp_path):
     other.save(tmp_path / "other.h5")
     given = other.problem if other.problem.opaque else None
     assert (verdict := verify(tmp_path / "other.h5", given, progress=False)).ok, str(verdict)
-    padding = sum(2.0 / count for count in plain.shape)  # a layer of cells at the ends of each axis
-    assert abs(plain.fraction(start=0) - other.fraction(start=0)) <= padding * max(plain.fraction(start=0), 0.05)
+    ends = sum(2.0 / count for count in plain.shape)  # a layer of cells at the ends of each axis
+    assert abs(plain.fraction(start=0) - other.fraction(start=0)) <= ends * max(plain.fraction(start=0), 0.05)
 
 
 @pytest.mark.parametrize("value", [0.3, -1.2, np.pi, -np.pi, 0.1 + 0.2, 12345.678, 9.25, 1 / 3, 0.0])
@@ -228,7 +228,7 @@ def test_numbers_are_read_alike_at_every_power_of_two(value):
 
 
 def test_a_promised_run_has_a_reserve_for_rounding():
-    """From states bisected to the padding of what `contains` says, none is without an answer after a step."""
+    """From states bisected to the boundary of what `contains` says, none is without an answer after a step."""
     inputs = np.array([[v, w] for v in (0.5, 1.0) for w in (-1.5, 0.0, 1.5)])
 
     def drift(q, u):

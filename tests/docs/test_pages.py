@@ -35,18 +35,16 @@ def test_files_that_are_named_are_there(path: Path) -> None:
 def test_the_rooms_are_listed() -> None:
     """All of them, and no other."""
     text = (SITE / "code.md").read_text(encoding="utf-8")
-    most_tubes = {f"sdhj/{path.parent.name}/" for path in (ROOT / "sdhj").glob("*/__init__.py")}
+    rooms = {f"sdhj/{path.parent.name}/" for path in (ROOT / "sdhj").glob("*/__init__.py")}
     files = {f"sdhj/{path.name}" for path in (ROOT / "sdhj").glob("*.py")} - {"sdhj/__init__.py", "sdhj/__main__.py"}
-    assert set(re.findall(r"`(sdhj/\w+(?:/|\.py))`", text[text.index("| room |") :])) == most_tubes | files
+    assert set(re.findall(r"`(sdhj/\w+(?:/|\.py))`", text[text.index("| room |") :])) == rooms | files
 
 
 def test_rooms_and_files_stand_in_the_order_of_their_imports() -> None:
     rows = re.findall(r"^\| (`sdhj/.*?) \| (.*) \|$", (SITE / "code.md").read_text(encoding="utf-8"), re.MULTILINE)
-    most_tubes = [name for first, _ in rows for name in re.findall(r"sdhj/(\w+)", first)]
+    rooms = [name for first, _ in rows for name in re.findall(r"sdhj/(\w+)", first)]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert [*reversed(most_tubes)] == sorted(
-        most_tubes, key=project["tool"]["importlinter"]["contracts"][0]["layers"].index
-    )
+    assert [*reversed(rooms)] == sorted(rooms, key=project["tool"]["importlinter"]["contracts"][0]["layers"].index)
     for first, text in rows:
         room = first.strip("`").split("`")[0].strip("/")
         files = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / room).glob("[!_]*.py")}

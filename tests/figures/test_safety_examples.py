@@ -233,7 +233,7 @@ def test_the_invariant_set_lies_between_proofs(cells, nodes):
         inside = table.contains(centres.reshape(-1, 2), start=0, within=1).reshape(stay.shape)
         shares.append(table.fraction(start=0, within=1))
         print(n, table.steps, shares[-1], np.mean(stay & ~inside), np.mean(leave & inside))
-        # a padding of a cell and a part of one more, on all sides of what is nearly the whole box
+        # a layer of a cell and a part of one more, on all sides of what is nearly the whole box
         assert np.mean(stay & ~inside) < 8 / n and not (leave & inside).any()
         assert abs(shares[-1] + table.details["given_up"] - SCOTS) < 0.02
     assert shares[-1] < 1 - leave.mean() and shares == sorted(shares)

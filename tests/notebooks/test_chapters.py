@@ -87,8 +87,8 @@ def test_the_sets_of_a_line_hold_every_end() -> None:
                 speeds = u + np.linspace(-0.2, 0.2, 21)
                 to = q + np.outer(ends, speeds)
                 top = max(q, q + ends[-1] * speeds[-1])
-                has_no_target = top <= 1.2 and any((low <= to).all() and (to <= high).all() for low, high in later)
-                assert has_no_target == any(low <= q <= high for low, high in found), (jitter, u, q)
+                leads_there = top <= 1.2 and any((low <= to).all() and (to <= high).all() for low, high in later)
+                assert leads_there == any(low <= q <= high for low, high in found), (jitter, u, q)
 
 
 def test_who_reckons_with_errors_does_not_lose() -> None:

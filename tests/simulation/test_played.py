@@ -112,7 +112,7 @@ def test_an_empty_tube_is_looked_into_at_states_of_all_axes(solves_are_played: N
     "name", ["rail", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pendulum", "double integrator"))]
 )
 def test_for_ever_a_reserve_keeps_what_is_promised(name: str) -> None:
-    """Pushed at by all, and driven to the padding by a reckless commander behind the filter."""
+    """Pushed at by all, and driven to the boundary by a reckless commander behind the filter."""
     from promises import answer, filtered, judged
 
     robot = FLEET[name]()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from large import CATCH, STENCIL_RADIUS, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised, row
+from large import CATCH, REACH, TIP, TIP_RADIUS, WORKED, ArmPursued, judged, main, promised, row
 
 import sdhj
 
@@ -41,12 +41,12 @@ def test_the_arm_is_as_far_away_as_the_nearest_of_many_points_of_its_links(rng: 
     points = (1 - shares) * ends[:-1] + shares * ends[1:]
     nearest = np.hypot(points[..., 0, :] - x, points[..., 1, :] - y).min(axis=(0, 1))
     found = arm.clear_of(q, x, y)
-    assert (found <= nearest + 1e-12).all() and (found >= nearest - STENCIL_RADIUS / 1200).all() and CATCH < found.max()
+    assert (found <= nearest + 1e-12).all() and (found >= nearest - REACH / 1200).all() and CATCH < found.max()
 
 
 def test_the_tip_of_the_arm_is_where_its_links_end(rng: np.random.Generator) -> None:
     q = rng.uniform(-3, 3, (300, 5))
-    tip = STENCIL_RADIUS / 3 * np.exp(1j * np.cumsum(q[:, :3], axis=1)).sum(axis=1)
+    tip = REACH / 3 * np.exp(1j * np.cumsum(q[:, :3], axis=1)).sum(axis=1)
     np.testing.assert_allclose(ArmPursued(3, 1).target(q, 0.0), abs(tip - complex(*TIP)) - TIP_RADIUS, atol=1e-14)
 
 
