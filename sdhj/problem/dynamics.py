@@ -318,16 +318,19 @@ class VectorField:
         """
         if self.gain is not None:
             return (1,) * self.adversaries
-        if (found := self.__dict__.setdefault("_moved", [])) == []:
-            each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
-            found.append(np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each]))
-        several = (found[0][:, list(axes)].sum(axis=1) > 1).any(axis=0)
+        several = (self._moved[:, list(axes)].sum(axis=1) > 1).any(axis=0)
         return tuple(np.where(several, self.pieces, 1).tolist())
+
+    @cached_property
+    def _moved(self) -> FloatArray:
+        """Which axes each component of v moves where it does not enter linearly: (L, ndim, D) bool."""
+        each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
+        return np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each])
 
     @property
     def is_cut(self) -> bool:
         """Whether the number of pieces matters: a component that does not enter linearly moves several axes."""
-        return self.gain is None and max(replace(self, pieces=2).cuts(range(self.ndim)), default=1) > 1
+        return self.gain is None and bool((self._moved.sum(axis=1) > 1).any())
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
