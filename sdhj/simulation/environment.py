@@ -32,9 +32,9 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     collides or leaves the grid (reward -1), as in `sdhj.simulate`, and is truncated after the last step (reward 0).
 
     `info` has "outcome": "reached", "collided", "off the grid" or "late", or "" while the run goes on; "action_mask",
-    (L,) int8: 1 for the safe inputs, for the fallback alone where none is safe, for all when the run is over; and
-    "promised": whether some safe input has a margin <= 0. After a step it also has "applied", the index of the input
-    that was applied, and "overruled", whether that differs from the action.
+    (L,) int8: 1 for what the filter passes on, for the fallback alone where that is nothing, for all when the run is
+    over; and "promised": whether some safe input has a margin <= 0. After a step it also has "applied", the index of
+    the input that was applied, and "overruled", whether that differs from the action.
 
     Parameters
     ----------

@@ -75,6 +75,9 @@ def test_the_car_arrives(capsys: pytest.CaptureFixture[str]) -> None:
     (car,) = blocks(ROOT / "README.md", "## Your robot")
     names: dict[str, Any] = {}
     exec(car, names)
-    lost = re.search(r"collided +(\d+)", capsys.readouterr().out)
+    said = capsys.readouterr().out
+    last = re.search(r"`(there after [^`]*)`", TEXT)
+    assert last is not None and said.splitlines()[-1] == last[1]
+    lost = re.search(r"collided +(\d+)", said)
     assert lost is not None and int(lost[1]) < 100
     assert names["problem"].target_value(names["q"][None], 0.0)[0] <= 0 and 0 < names["step"] < 8
