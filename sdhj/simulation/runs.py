@@ -108,7 +108,7 @@ class Report:
         The number of intervals of each run.
     seconds : float
         Wall-clock time.
-    stays : bool
+    has_no_target : bool
         Whether there is no target, so that who has "reached" has stayed clear.
     """
 

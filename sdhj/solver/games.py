@@ -138,7 +138,7 @@ class ObstacleFunction:
     Attributes
     ----------
     axes : tuple of int
-    over : callable (t0, t1) -> array
+    values_over : callable (t0, t1) -> array
         -g of what the state must not touch at any time in [t0, t1].
     instant : bool
         Whether `values_over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
