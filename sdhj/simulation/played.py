@@ -192,10 +192,10 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
         tell(_emptied(table, share))
     if share < NEARLY_EMPTY:
         return {}
-    has_no_target, mean = table.problem.has_no_target and table.details.get("endless"), max(table.steps / 2, 1)
+    ever, mean = table.problem.has_no_target and table.details.get("endless"), max(table.steps / 2, 1)
     work = NODE_COST * table.details.get("pdes_solved", 0) * table.grid.size
     runs = int(np.clip(SHARE_PLAYED * work / (RUN_COST * mean), FEWEST_PLAYED, MOST_PLAYED))
-    if has_no_target:
+    if ever:
         return _judged_for_ever(table, runs)
     runs = MOST_PLAYED if (remedy := _gaps(table)) else runs
     play: Any = ADVERSARIES["worst"]

@@ -655,8 +655,8 @@ class HopfLaxGames(_OnAxes):
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
             interval.segments(axes),
         )
-        within_stages = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
-        low, high = narrowed(boxes[:, 0], boxes[:, 1], within_stages)
+        farthest = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
+        low, high = narrowed(boxes[:, 0], boxes[:, 1], farthest)
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
