@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from typing import Any
 
 import h5py
@@ -18,11 +18,13 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, lattice_for, margin_of, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
-from sdhj.kernels.packed import to_words
+from sdhj.kernels.packed import STATE_SLACK, to_words
 from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, mark_collisions, mark_exits
+from sdhj.kernels.windows import mark_met
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -80,6 +82,7 @@ def lattice_of(
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
+TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
 
@@ -203,9 +206,66 @@ class GeneralProof(Images):
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
-        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        self.fill(min(max(finest, 1), FINEST), progress, partial(self._mark_collisions, self._lattices(progress)))
+        finest, in_words = EVALUATED // (self.low[..., 0].size * self.parts * 2), self.met_in_words
+        tubes = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
+
+        def use(start: int, j: int, some: FloatArray, swept: FloatArray) -> None:
+            """Take away what is met cell by cell, and keep the tubes for the rest."""
+            self._mark_collisions(lattices, start, j, some, swept)
+            if in_words:
+                tubes[start, j, some] = swept
+
+        lattices = self._lattices(progress)
+        self.fill(min(max(finest, 1), FINEST), progress, use)
+        for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
+            self._mark_in_words(unsafe_set, tubes[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear))
+
+    @cached_property
+    def met_in_words(self) -> list[UnsafeSet]:
+        """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
+        move alike, and no end is safe.
+        """
+        tubes = math.prod(self.low.shape[:-1]) * self.parts
+        if np.isfinite(self.past).any() or tubes > TUBES_AT_HAND:
+            return []
+        return [
+            one
+            for one in self.problem.unsafe
+            if len(one.axes) >= LEAST_AXES
+            and one.axes[-1] == len(self.axes) - 1
+            and not self.strides[list(one.axes)].any()  # obligation 4.57
+        ]
+
+    def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
+        """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""
+        own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
+        axes, each, scale = [self.axes[k] for k in own], [], self.shell[own] / STATE_SLACK
+        lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
+        inputs, places, parts = tubes.shape[1:4]
+        inside, others = np.zeros((2, len(self.axes)), np.bool_)
+        inside[own[:-1]], others[self.strides == 0] = True, True
+        others[own] = False
+        rows, beside = self._numbers(inside), self._numbers(others)
+        met = np.empty((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
+        for step, times in enumerate(spans):
+            starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
+            first, last = windows(lattice, NARROW * scale, tubes)
+            words = margin_of(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
+            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, words, t) for t in times]
+            for start, place in itertools.product(starts, range(places)):
+                met[:] = 0
+                ends = [one[start, :, place].reshape(-1, len(own)) for one in (first, last)]
+                for part, boxes in enumerate(each):
+                    # obligation 4.58
+                    some = np.arange(part, inputs * parts, parts) if len(each) > 1 else np.arange(inputs * parts)
+                    for tubes_met, cells in united(boxes, lattice, *ends, some, len(own) - 1):
+                        for j in np.unique(tubes_met // parts):
+                            met[j] |= cells
+                begin = self.layout.begin[place] + rows
+                steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
+                for at in steps:
+                    mark_met(self.clear[at], begin, beside, met.reshape(inputs, len(rows), -1), axes[-1].count)
 
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
@@ -254,27 +314,35 @@ class GeneralProof(Images):
         every = clear.reshape(counts)
         every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
-    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
-        """For each unsafe set a lattice for each step, or one for all where it stands still."""
-        out: list[list[Boxes]] = []
+    @kept
+    def _sway(self) -> FloatArray:
+        """By how much an adversary and errors move states to both sides in an interval, somewhere, (ndim,)."""
         grid, sensing = self.problem.grid, self.problem.sensing
-        length, late = sensing.hold(self.problem.delta)[0], sensing.jitter
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
-        sway = np.max(pushed, axis=0) / 2 * length + self.prediction_error
-        for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
-            if not part.moving:
-                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
-                continue
-            out.append([])
-            for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
-                # obligation 4.7
-                cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-                times = [(t0 - late, t1 + late) for t0, t1 in cuts]  # obligation 4.8
-                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps, sway))
+        return np.asarray(np.max(pushed, axis=0) / 2 * sensing.hold(self.problem.delta)[0] + self.prediction_error)
+
+    def _spans(self, unsafe_set: UnsafeSet) -> list[list[tuple[float, float]]]:
+        """For each step the times of each part of its interval; all time, once, of a set that stands still."""
+        if not unsafe_set.moving:
+            return [[self._always]]
+        length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
+        for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
+            # obligation 4.7
+            cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
+            out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
         return out
+
+    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
+        """For each unsafe set that is met cell by cell a lattice for each step, or one where it stands still."""
+        some = [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
+        return [
+            [lattice_of(self.bounds, self.axes, part, times, len(spans), self._sway) for times in spans]
+            for part in tqdm(some, desc="unsafe sets", leave=False, disable=hidden(progress))
+            for spans in [self._spans(part)]
+        ]
 
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time.
