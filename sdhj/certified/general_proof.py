@@ -189,18 +189,17 @@ class GeneralProof(Images):
 
     @kept
     def layout(self) -> Placed:
-        """Cells by place."""
+        """Cells by place, without what is added to the first cell at a place."""
         counts, own = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        return Placed(
-            counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell
-        )
+        begin, nothing = self._numbers(own, counts), np.zeros(0, np.int64)
+        return Placed(counts, begin, nothing, 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell)
 
-    def _numbers(self, which: FloatArray) -> FloatArray:
+    @staticmethod
+    def _numbers(which: FloatArray, counts: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""
-        counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
@@ -246,7 +245,7 @@ class GeneralProof(Images):
         inside, others = np.zeros((2, len(self.axes)), np.bool_)
         inside[own[:-1]], others[self.strides == 0] = True, True
         others[own] = False
-        rows, beside = self._numbers(inside), self._numbers(others)
+        rows, beside = (self._numbers(which, self.cells.counts) for which in (inside, others))
         met = np.empty((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
         for step, times in enumerate(spans):
             starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
@@ -275,44 +274,44 @@ class GeneralProof(Images):
         What stands still is met in all of them alike.
         """
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
-        still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
+        steps = slice(None) if len(self.low) == 1 else slice(start, start + 1)
         faces = np.stack(grid.faces("unsafe"))
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
+            self._once(steps, j, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
         for lattice in (one for one in lattices if len(one) == 1):  # obligation 4.9
-            self._met(still, tubes, places, lattice[0], bit)
-        for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
-            clear = self.clear[step, :, j // 8] & still
+            self._met(steps, j, tubes, places, lattice[0], bit)
+        for step in range(len(self.clear))[steps]:
             for lattice in (one for one in lattices if len(one) > 1):  # obligation 4.10
-                self._met(clear, tubes, places, lattice[step], bit)  # obligation 4.11
-            self.clear[step, :, j // 8] = clear
+                self._met(slice(step, step + 1), j, tubes, places, lattice[step], bit)  # obligation 4.11
 
-    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
+    def _met(
+        self, steps: slice, j: int, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any
+    ) -> None:
         """`mark_collisions`, of all cells that may differ."""
-        self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
+        self._once(
+            steps, j, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some)
+        )
 
-    def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Clear bits once for all cells that differ on axes alone that neither `axes` nor an image depends on.
+    def _once(self, steps: slice, j: int, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
+        """Clear bits of u_j once for all cells that differ on axes alone that neither `axes` nor an image depends on.
 
         Cells are in lines along the last of `axes` on which cells at a place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
-        counts, some = self.layout.counts, (self.strides == 0) & ~alike
+        counts, some = np.where(alike, 1, self.layout.counts), (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1
-        layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
-        if not alike.any():
-            mark(clear, layout)
-            return
-        first = np.full(clear.size, 255, np.uint8)
+        begin, offset = (self._numbers(which, counts) for which in (self.strides > 0, some))
+        layout = Placed(counts, begin, offset, along, stride, length, self.layout.edges, self.layout.safe)
+        every = self.clear.reshape(len(self.clear), *self.layout.counts, -1)[steps, ..., j // 8]
+        first = np.full(math.prod(counts), 255, np.uint8) if alike.any() else every[0].ravel()
         mark(first, layout)
-        every = clear.reshape(counts)
-        every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
+        every &= first.reshape(counts)
 
     @kept
     def _sway(self) -> FloatArray:

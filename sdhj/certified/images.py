@@ -33,12 +33,14 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
+from sdhj.certified.word_tubes import Lattice, margin_of, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, grow, reached_words
+from sdhj.kernels.windows import add_led
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import STRIDES, threads
@@ -275,6 +277,9 @@ class Images(Proof):
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
     ) -> None:
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
+        if not (self.strides.any() or np.isfinite(self.past).any()) and groups == 1 and clear.size:  # obligation 3.21
+            self._add_alike(cells, following, step, clear)
+            return
         near = np.full(cells.shape, changed is None)
         if changed is not None:
             scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
@@ -282,6 +287,18 @@ class Images(Proof):
                 *changed, self.farthest_moves[min(step, len(self.farthest_moves) - 1)], self.cells, near, *scratch
             )
         grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
+
+    def _add_alike(self, cells: FloatArray, following: FloatArray, step: int, clear: FloatArray) -> None:
+        """`add_predecessors` where all cells move alike: what an image may miss is united as what a tube may meet."""
+        moves, axes, ones = self.moves(step), self.axes, np.ones(len(self.axes), np.int64)
+        first, last = (one[:, 0].astype(np.int64) for one in (moves.low, moves.high))
+        lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
+        out_of_set = ~to_bits(following, count).reshape(*[axis.count for axis in axes[:-1]], 1, count)
+        boxes = with_margins(out_of_set, margin_of(lattice, first, last), axes[-1].periodic)
+        led, wanted = np.zeros_like(cells), cells if self.shrinks else ~cells
+        for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
+            add_led(missing.reshape(cells.shape), clear, inputs, wanted, led, count)
+        cells[:] = led if self.shrinks else cells | led
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:
         """`following`, with what images may hold before and behind it on the last axis if all cells there are alike."""

@@ -70,15 +70,18 @@ def boxes_in_words(
     for at in (slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))):
         meets = bounds.signs(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times) <= 0  # obligation 4.53
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
-        beside = [(0, 0)] * (planes.ndim - 1) + [(64 * words, 64 * words)]
-        if last.periodic:
-            planes = np.pad(planes, beside, mode="wrap")
-        else:  # clipped at its ends: what is before the first cell is its first box, behind the last its last
-            planes = np.pad(planes, beside, mode="edge")
-            planes[..., : 64 * words] = planes[..., :1, 64 * words : 64 * words + 1]  # obligation 4.54
-            planes[..., 64 * words + last.count :] = planes[..., -1:, 64 * words + last.count - 1, None]
-        out[at] = to_words(planes)
+        out[at] = with_margins(planes, words, last.periodic)
     return out
+
+
+def with_margins(planes: FloatArray, words: int, periodic: bool) -> FloatArray:
+    """Planes (..., fine, n) of bits in words, with so many before and behind: those of a period, or the box at an end."""
+    many = 64 * words
+    out = np.pad(planes, [(0, 0)] * (planes.ndim - 1) + [(many, many)], mode="wrap" if periodic else "edge")
+    if not periodic:
+        out[..., :many] = planes[..., :1, :1]  # obligation 4.54
+        out[..., many + planes.shape[-1] :] = planes[..., -1:, -1:]
+    return to_words(out)
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:

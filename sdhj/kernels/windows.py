@@ -65,3 +65,24 @@ def mark_met(clear, begin, offset, met, count):
                         gone |= np.uint8((met[j, row, word] >> np.uint64(bit & 63)) & BIT) << np.uint8(j & 7)
                     for k in range(offset.size):
                         clear[begin[row] + offset[k] + bit, byte] &= ~gone
+
+
+@kernel(parallel=True)
+def add_led(missing, clear, inputs, wanted, led, count):
+    """Set the bits of wanted cells that have none in `missing` and from which one of some inputs is clear.
+
+    missing, wanted, led (rows, W) uint64, `led` modified in place; clear (cells, bytes) uint8; inputs (n,); count :
+    cells of a row.
+    """
+    rows, words = led.shape
+    for row in prange(rows):
+        for word in range(words):
+            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
+            for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
+                if (some >> np.uint64(bit & 63)) & BIT == 0:
+                    continue
+                number = np.int64(row) * count + bit
+                for j in inputs:
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.20
+                        led[row, word] |= BIT << np.uint64(bit & 63)
+                        break
