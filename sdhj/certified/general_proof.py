@@ -18,7 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
-from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, lattice_for, margin_of, united, windows
+from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, lattice_for, far_beyond, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -250,8 +250,8 @@ class GeneralProof(Images):
         for step, times in enumerate(spans):
             starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
             first, last = windows(lattice, NARROW * scale, tubes)
-            words = margin_of(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
-            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, words, t) for t in times]
+            far = far_beyond(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
+            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
             for start, place in itertools.product(starts, range(places)):
                 met[:] = 0
                 ends = [one[start, :, place].reshape(-1, len(own)) for one in (first, last)]

@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
-from sdhj.certified.word_tubes import Lattice, margin_of, united, with_margins
+from sdhj.certified.word_tubes import Lattice, far_beyond, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
@@ -293,8 +293,8 @@ class Images(Proof):
         moves, axes, ones = self.moves(step), self.axes, np.ones(len(self.axes), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (moves.low, moves.high))
         lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
-        out_of_set = ~to_bits(following, count).reshape(*[axis.count for axis in axes[:-1]], 1, count)
-        boxes = with_margins(out_of_set, margin_of(lattice, first, last), axes[-1].periodic)
+        out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
+        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
             add_led(missing.reshape(cells.shape), clear, inputs, wanted, led, count)

@@ -16,7 +16,7 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.windows import united_along, united_in_words
+from sdhj.kernels.windows import united_along, united_in_words, with_beyond
 from sdhj.problem.sets import UnsafeSet
 
 LEAST_AXES = 3  # with fewer, boxes are counted: they are fine enough
@@ -56,9 +56,9 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
 
 
 def boxes_in_words(
-    bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, words: int, times: tuple[float, float]
+    bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, far: int, times: tuple[float, float]
 ) -> FloatArray:
-    """The boxes that may meet a set at some time, (*boxes, fine, words + W + words) uint64: see `united_in_words`."""
+    """The boxes that may meet a set at some time, (*boxes, fine, more) uint64: see `united_in_words`, `with_margins`."""
     low, high = [], []
     for axis, fine, below, above in zip(lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True):
         corner = float(axis.lower) + float(axis.width) / fine * np.arange(axis.count * fine + 1)
@@ -66,22 +66,21 @@ def boxes_in_words(
         high.append(corner[1:] + above)
     last, fine = lattice.axes[-1], int(lattice.fine[-1])
     inner, sizes = math.prod(one.size for one in low[1:]), [one.size for one in low]
-    out = np.empty((*sizes[:-1], fine, -(-last.count // 64) + 2 * words), np.uint64)
+    out = np.empty((*sizes[:-1], fine, -(-last.count // 64)), np.uint64)
     for at in (slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))):
         meets = bounds.signs(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times) <= 0  # obligation 4.53
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
-        out[at] = with_margins(planes, words, last.periodic)
+        out[at] = to_words(planes)
+    return with_margins(out, last, far)
+
+
+def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
+    """Planes (..., fine, W) with so many cells before and behind: those of a period, or the box at an end."""
+    more = 2 * -(-far // 64)
+    out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
+    wide = out.reshape(-1, *out.shape[-2:])
+    with_beyond(planes.reshape(-1, *planes.shape[-2:]), axis.count, far, axis.periodic, wide)
     return out
-
-
-def with_margins(planes: FloatArray, words: int, periodic: bool) -> FloatArray:
-    """Planes (..., fine, n) of bits in words, with so many before and behind: those of a period, or the box at an end."""
-    many = 64 * words
-    out = np.pad(planes, [(0, 0)] * (planes.ndim - 1) + [(many, many)], mode="wrap" if periodic else "edge")
-    if not periodic:
-        out[..., :many] = planes[..., :1, :1]  # obligation 4.54
-        out[..., many + planes.shape[-1] :] = planes[..., -1:, -1:]
-    return to_words(out)
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -92,11 +91,10 @@ def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[Fl
     return np.where(lattice.alike, 0, first), np.where(lattice.alike, 0, np.maximum(first, last))
 
 
-def margin_of(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
-    """Words before and behind a row that windows (T, d) may reach into."""
+def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
+    """Cells before and behind a row that windows (T, d) may reach into."""
     fine = lattice.fine[-1]
-    far = max(-int(first[:, -1].min()) // fine + 1, int(last[:, -1].max()) // fine)
-    return 0 if lattice.alike[-1] else far // 64 + 1
+    return 0 if lattice.alike[-1] else max(-int(first[:, -1].min() // fine), int(last[:, -1].max() // fine), 0)
 
 
 def united(

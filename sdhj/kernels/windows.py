@@ -8,7 +8,7 @@ import numpy as np
 from numba import prange
 
 from sdhj.kernels.compiling import kernel
-from sdhj.kernels.packed import BIT, shifted_word
+from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_word
 
 
 @kernel(parallel=True)
@@ -86,3 +86,27 @@ def add_led(missing, clear, inputs, wanted, led, count):
                     if (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.20
                         led[row, word] |= BIT << np.uint64(bit & 63)
                         break
+
+
+@kernel(parallel=True)
+def with_beyond(planes, count, far, periodic, out):
+    """Planes (A, fine, W) with what is so `far`, in bits, before and behind their `count` bits: out (A, fine, more).
+
+    That is the next lap of a periodic axis, and of a bounded one the box at its end. `out` is overwritten; half of its
+    words that are more are before.
+    """
+    rows, fine, words = planes.shape
+    margin = 32 * (out.shape[2] - words)
+    for row in prange(rows):
+        for plane in range(fine):
+            block, whole = out[row, plane], planes[row, plane]
+            block[:] = 0
+            for word in range(words):
+                block[(margin >> 6) + word] = whole[word] & bits_between(word, 0, count)
+            for d in range(1, far + 1):
+                before, after = (whole, whole) if periodic else (planes[row, 0], planes[row, fine - 1])
+                low, high = ((count - d) % count, (d - 1) % count) if periodic else (0, count - 1)
+                if has_bit(before, low):  # obligation 4.54
+                    set_bits(block, margin - d, margin - d + 1)
+                if has_bit(after, high):
+                    set_bits(block, margin + count + d - 1, margin + count + d)
