@@ -233,7 +233,7 @@ class GeneralProof(Images):
             for one in self.problem.unsafe
             if len(one.axes) >= LEAST_AXES
             and one.axes[-1] == len(self.axes) - 1
-            and not self.strides[list(one.axes)].any()  # obligation 4.57
+            and not self.strides[list(one.axes)].any()
         ]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
