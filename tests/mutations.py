@@ -122,8 +122,10 @@ PROVER = tuple(
     for name in (
         "kernels/pieces",
         "kernels/stencils",
+        "kernels/windows",
         "certified/cells",
         "certified/bounds",
+        "certified/word_tubes",
         "certified/images",
         "certified/general_proof",
     )

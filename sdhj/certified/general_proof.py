@@ -18,7 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
-from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, lattice_for, far_beyond, united, windows
+from sdhj.certified.word_tubes import boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -226,15 +226,8 @@ class GeneralProof(Images):
         move alike, and no end is safe.
         """
         tubes = math.prod(self.low.shape[:-1]) * self.parts
-        if np.isfinite(self.past).any() or tubes > TUBES_AT_HAND:
-            return []
-        return [
-            one
-            for one in self.problem.unsafe
-            if len(one.axes) >= LEAST_AXES
-            and one.axes[-1] == len(self.axes) - 1
-            and not self.strides[list(one.axes)].any()
-        ]
+        few, own = tubes <= TUBES_AT_HAND, self.strides > 0
+        return [one for one in self.problem.unsafe if few and in_words(len(own), own, self.past, one.axes)]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""

@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
-from sdhj.certified.word_tubes import LEAST_AXES, Lattice, far_beyond, united, with_margins
+from sdhj.certified.word_tubes import Lattice, far_beyond, in_words, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
@@ -277,8 +277,8 @@ class Images(Proof):
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
     ) -> None:
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
-        alike = len(self.axes) >= LEAST_AXES and not (self.strides.any() or np.isfinite(self.past).any())
-        if alike and groups == 1 and clear.size:
+        every = range(len(self.axes))
+        if in_words(len(every), self.strides > 0, self.past, every) and groups == 1 and clear.size:
             self._add_alike(cells, following, step, clear)
             return
         near = np.full(cells.shape, changed is None)

@@ -40,6 +40,21 @@ class Lattice(NamedTuple):
     high: FloatArray
 
 
+def in_words(ndim: int, own: FloatArray, past: FloatArray, axes: Sequence[int]) -> bool:
+    """Whether cells along some axes of ndim are looked at 64 at a time: these are many, the last of all among them, no
+    image depends on them, own (ndim,) bool, and no end is safe, past (2, ndim).
+    """
+    last = axes[-1] == ndim - 1
+    return len(axes) >= LEAST_AXES and last and not own[list(axes)].any() and not np.isfinite(past).any()
+
+
+def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
+    """Into how many pieces cells are cut, (d,), where only a share of all boxes is asked for."""
+    cells = share * math.prod(axis.count for axis in axes)
+    pieces = int((BOXES / cells) ** (1 / max(int((~alike).sum()), 1)))
+    return np.where(alike, 1, min(max(pieces, LEAST_PIECES), MOST_PIECES))
+
+
 def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray, share: int) -> Lattice:
     """The boxes for tubes (T, parts, d, 2), where only a share of all boxes is asked for; pushed (d,), half of the
     adversary's way: taken into the boxes where it is less than a box.
@@ -47,9 +62,7 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
     least, most = tubes[..., 0].min(axis=1), tubes[..., 1].max(axis=1)
     scale = np.array([axis.scale for axis in axes])
     alike = (np.ptp(least, axis=0) <= ALIKE * scale) & (np.ptp(most, axis=0) <= ALIKE * scale)
-    counts, widths = [axis.count for axis in axes], np.array([float(axis.width) for axis in axes])
-    pieces = int((BOXES / (share * math.prod(counts))) ** (1 / max(int((~alike).sum()), 1)))
-    fine = np.where(alike, 1, min(max(pieces, LEAST_PIECES), MOST_PIECES))
+    widths, fine = np.array([float(axis.width) for axis in axes]), pieces_of(axes, alike, share)
     sway = np.where(pushed < widths / fine, pushed, 0.0)
     low = np.where(alike, -least.min(axis=0), sway)  # obligation 4.52
     return Lattice(axes, alike, fine, low, np.where(alike, most.max(axis=0), sway))

@@ -89,6 +89,14 @@ FALSE = {
     "out by an upper end": ("4.29 number 18 1000000000.0", "line", CLEAR),
     "wholly past an upper end": ("4.30 put 12 3 * {12}", "rock at the upper end", CLEAR),
     "wholly past a lower end": ("4.30 put 36 3 * {36}", "rock at the lower end", CLEAR),
+    "which of the boxes": ("4.50 copy 2 12", "pursued", CLEAR),
+    "boxes along a row": ("4.51 drop", "pursued", CLEAR),
+    "what only an adversary moves": ("4.52 zero 6", "pursued", CLEAR),
+    "boxes that may meet a set": ("4.53 put 2 {3} < 0", "pursued", CLEAR),
+    "what is beside a row": ("4.54 false 1", "pursued", CLEAR),
+    "the first box of a tube": ("4.55 turn 5", "pursued", CLEAR),
+    "sets in words": ("4.56 put 4 []", "pursued", CLEAR),
+    "parts of sets in words": ("4.58 put 11 0 * {11}", "pursued", CLEAR),
     "all of a goal": ("9.1 weaken 2", "line", GOAL),
     "every piece of a goal": ("9.2 true 4", "line", GOAL),
     "a goal is clear of what stands still": ("9.3 true 2", "post in the target", GOAL),
@@ -103,6 +111,7 @@ FALSE = {
     "past a lower end by a cell": ("3.4 zero 17", "out to the left", NEARER),
     "every cell of an image at once": ("3.5 false 1", "line", NEARER),
     "what is past an end": ("3.6 drop 19", "circle", NEARER),
+    "inputs that are clear in words": ("3.20 true 1", "pursued", NEARER),
     "inputs that are clear": ("3.7 false 1", "beside a post", NEARER),
 }
 # what is changed, the robot of which plain loops then say something else

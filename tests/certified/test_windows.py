@@ -58,7 +58,7 @@ def _clear(monkeypatch, in_words):
     proof = GeneralProof.of(problem(), sdhj.Certified(cells=cells).axes(problem()), parts)
     with monkeypatch.context() as patched:
         if not in_words:
-            patched.setattr(general_proof, "LEAST_AXES", 4)
+            patched.setattr(general_proof, "in_words", lambda *_: False)
         assert len(proof.met_in_words) == 2 * in_words
         proof.prepare(False)
     return proof, np.unpackbits(proof.clear, axis=-1, bitorder="little", count=4).astype(bool)
