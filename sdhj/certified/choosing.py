@@ -58,8 +58,8 @@ CORES = 1.6  # that two are worth
 AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
-# and where cells are looked at in words: for a cell and an input in `prepare`; in the recursion for a word, for a word and
-# an input, for a cell
+# where cells are looked at in words, for a cell and an input in `prepare`; in the recursion for a word, for a word and
+# an input, and for a cell
 MARKED, WORD, WORD_LED, COPIED = 1.5e-9, 4e-8, 2e-8, 1e-9
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 

@@ -247,11 +247,11 @@ class GeneralProof(Images):
             each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
             for start, place in itertools.product(starts, range(places)):
                 met[:] = 0
-                ends = [one[start, :, place].reshape(-1, len(own)) for one in (first, last)]
+                a, b = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
                 for part, boxes in enumerate(each):
                     # obligation 4.58
                     some = np.arange(part, inputs * parts, parts) if len(each) > 1 else np.arange(inputs * parts)
-                    for tubes_met, cells in united(boxes, lattice, *ends, some, len(own) - 1):
+                    for tubes_met, cells in united(boxes, lattice, a, b, some, len(own) - 1):
                         for j in np.unique(tubes_met // parts):
                             met[j] |= cells
                 begin = self.layout.begin[place] + rows
@@ -280,13 +280,9 @@ class GeneralProof(Images):
             for lattice in (one for one in lattices if len(one) > 1):  # obligation 4.10
                 self._met(slice(step, step + 1), j, tubes, places, lattice[step], bit)  # obligation 4.11
 
-    def _met(
-        self, steps: slice, j: int, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any
-    ) -> None:
+    def _met(self, steps: slice, j: int, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
         """`mark_collisions`, of all cells that may differ."""
-        self._once(
-            steps, j, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some)
-        )
+        self._once(steps, j, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
     def _once(self, steps: slice, j: int, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
         """Clear bits of u_j once for all cells that differ on axes alone that neither `axes` nor an image depends on.

@@ -71,17 +71,23 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
 def boxes_in_words(
     bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, far: int, times: tuple[float, float]
 ) -> FloatArray:
-    """The boxes that may meet a set at some time, (*boxes, fine, more) uint64: see `united_in_words`, `with_margins`."""
+    """The boxes that may meet a set at some time, (*boxes, fine, more) uint64, as `with_margins` leaves them."""
     low, high = [], []
-    for axis, fine, below, above in zip(lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True):
+    for axis, fine, below, above in zip(
+        lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True
+    ):
         corner = float(axis.lower) + float(axis.width) / fine * np.arange(axis.count * fine + 1)
         low.append(corner[:-1] - below)
         high.append(corner[1:] + above)
     last, fine = lattice.axes[-1], int(lattice.fine[-1])
     inner, sizes = math.prod(one.size for one in low[1:]), [one.size for one in low]
     out = np.empty((*sizes[:-1], fine, -(-last.count // 64)), np.uint64)
-    for at in (slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))):
-        meets = bounds.signs(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times) <= 0  # obligation 4.53
+    for at in (
+        slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))
+    ):
+        meets = (
+            bounds.signs(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times) <= 0
+        )  # obligation 4.53
         planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
         out[at] = to_words(planes)
     return with_margins(out, last, far)

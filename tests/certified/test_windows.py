@@ -65,7 +65,7 @@ def _clear(monkeypatch, in_words):
 
 
 def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
-    """Drawn states and plays of the adversary, at all times of each step; words find no less clear than counted boxes."""
+    """Of drawn states, at all times of a step, under drawn plays; no less is clear than by counted boxes."""
     (proof, words), (_, counted) = (_clear(monkeypatch, one) for one in (True, False))
     problem, runs = proof.problem, 40_000
     assert words.mean() >= counted.mean() - 1e-3 and 0.1 < words.mean() < 0.9
