@@ -18,7 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
-from sdhj.certified.word_tubes import boxes_in_words, far_beyond, in_words, lattice_for, united, windows
+from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -82,6 +82,7 @@ def lattice_of(
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
+WORDS_OF_A_WORD = 40  # while cells are looked at in words: boxes of half a cell on three axes, with margins, and unions
 TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
@@ -104,6 +105,8 @@ def peak(
         for part in known_sets(problem)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
+    words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
+    needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if len(axes) >= LEAST_AXES else 0
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
