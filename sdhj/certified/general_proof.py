@@ -80,7 +80,7 @@ def lattice_of(
     )
 
 
-BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
+BYTES_OF_A_BOX = 16  # while boxes are counted, and in each lap; half where they are looked at in words
 FINEST = 8  # pieces of a part
 WORDS_OF_A_WORD = 40  # while cells are looked at in words: boxes of half a cell on three axes, with margins, and unions
 TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
@@ -100,14 +100,16 @@ def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
     """See `GeneralProof.peak`; moves and clear are shapes."""
+    own, past = place_axes(problem, axes), np.stack(problem.grid.faces("safe"))
     boxes = [
-        math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
+        math.prod(axes[k].count for k in part.axes)
+        * (0.5 if in_words(len(axes), own, past, part.axes) else 1 + 2 ** sum(axes[k].periodic for k in part.axes))
         for part in known_sets(problem)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if len(axes) >= LEAST_AXES else 0
-    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
+    return needed + 16 * PLACES * len(axes) * parts + round(BYTES_OF_A_BOX * max(boxes, default=0))
 
 
 @dataclass(frozen=True)
