@@ -338,7 +338,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "past the seam": (past_the_seam, (125,), 2),
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),
     "cornered": (cornered, (30, 30), 3),
-    "pursued": (pursued, (8, 16, 12), 2),
+    "pursued": (pursued, (8, 16, 24), 2),
     "plane": (plane, (30, 30), 3),
     "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),
