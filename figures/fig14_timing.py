@@ -38,7 +38,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "default": {"linewidth": 0.8, "markersize": 2.5},
 }
 ROUNDS = 3
-SHORT = 3.0  # seconds of rounds after which no other begins: what takes longer scatters less
+SHORT = 4.0  # seconds of rounds after which no other begins: what takes longer scatters less
 ENOUGH = 1.0  # seconds of steps of the recursion that are timed, or one step
 LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes

@@ -24,6 +24,7 @@ from PIL import Image
 
 import sdhj
 from sdhj import plotting
+from sdhj.kernels import read_only
 from sdhj.kernels.compiling import choice
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.solver import recursion, schemes
@@ -221,7 +222,7 @@ def test_a_run_starts_in_its_tube(context):
 
 def test_no_start_is_an_error(context):
     empty = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), method="lax", progress=False)
-    empty = replace(empty, tubes=np.ones_like(empty.tubes))
+    empty = replace(empty, tubes=read_only(np.ones_like(empty.tubes)))
     with pytest.raises(ValueError, match="none of 20000 states is admissible"):
         starts_of_runs(empty, 3)
 
