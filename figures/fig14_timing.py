@@ -39,7 +39,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 ROUNDS = 3
 SHORT = 2.0  # seconds of a method's rounds after which it has no other: what takes longer scatters less
-ENOUGH = 1.0  # seconds of steps of the recursion that are timed, or one step
+ENOUGH = 0.5  # seconds of steps of the recursion that are timed, or one step
 LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
 
