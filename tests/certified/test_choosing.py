@@ -125,7 +125,7 @@ def test_more_time_is_not_spent_on_less():
     ferry = replace(ferry, dynamics=sdhj.Dynamics(fastest, fastest, np.eye(2), [0.18, 0.18]))
     speeds = speeds_of(ferry)
     rates, lost = losses(ferry, speeds), []
-    for seconds in (0.15, 0.6):
+    for seconds in (0.6, 1.5):
         own = zip(rates.T, aligned(ferry, chosen_cells(ferry, 10, seconds)), strict=True)
         lost.append(sum(lost_to(ferry, k, some, [axis], speeds)[0] for k, (some, axis) in enumerate(own)))
     assert lost[1] < 2.0 < 100.0 < lost[0]
