@@ -180,18 +180,16 @@ def lost_to(
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
-    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths, speeds.ways if is_steady(problem, axis) else None)
+    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths, speeds.ways)
 
 
-def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways: "Ways | None") -> FloatArray:
-    """By how much images, rounded out to cells of some widths (n,), miss what inputs move by; 0 without `ways`.
+def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways: "Ways") -> FloatArray:
+    """By how much images, rounded out to cells of some widths (n,), miss what inputs move by on a steady axis: (n,).
 
-    Along each way (`Ways`) an input leads by P at least, and by the input that is best then P' in whole cells: so P - P'
-    is lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that ends too
-    late misses it as well.
+    Along each way (`Ways`) the best input leads by P at least, and the one that is best in whole cells by P' of these:
+    P - P' is lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that
+    ends too late misses it as well.
     """
-    if ways is None:
-        return np.zeros(len(widths))
     drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
     at = ways.axes.index(axis)
     if not ways.scales[at]:  # no input moves it, but what cannot be chosen
