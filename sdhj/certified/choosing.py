@@ -2,10 +2,11 @@
 
 *What is lost.* Where a set's boundary moves inwards by w along axis k, the set loses the share m_k w of itself: m_k
 counts how often lines along the axis cross the boundary, for each unit of length that they are inside. From one step to
-the next the boundary of a tube turns as velocities carry it, m becomes (1 + delta |J|)^T m, where |J_ik| is how much
-wider bounds on the velocity along axis i are in a box of width 1 along axis k. With cells of width w a step loses
-m_i delta |J_ik| w_k, as the image of a cell is wider than the cell, and m_k w_k, as it is rounded out to whole cells.
-All this is linear: c_k w_k is lost to the width of axis k. Only where the velocity is the same everywhere is it known
+the next the boundary of a tube turns as velocities carry it: after n steps m is |exp(n delta J)|^T m, J the Jacobian of
+the velocity at a state, a mean over states. |J|_ik is how much wider bounds on the velocity along axis i are in a box
+of width 1 along axis k. With cells of width w a step loses m_i delta |J_ik| w_k, as the image of a cell is wider than
+the cell, and m_k w_k, as it is rounded out to whole cells. Steps count until a state has crossed its axis. All this is
+linear: c_k w_k is lost to the width of axis k. Only where the velocity is the same everywhere is it known
 what is rounded out: nothing where cells are aligned with what an interval does, but a pursuer that moves by a tenth of
 a cell counts as moving by a whole one, and an input that moves by less than a cell as leading nowhere.
 
@@ -14,8 +15,9 @@ has the number n at which what it loses, times a factor that all share, plus log
 are not linear; so each is divided by the power 1 - `SHARPNESS` of what a single cell as wide as the axis would lose.
 
 Where a step loses nearly all, no step is of use, and only the target is to be proved. So cells are chosen twice, as if
-nothing was rounded out on axes with one velocity, and with that; and those are taken of which more is kept, where a
-loss of l leaves exp(-`DECAY` l), added up over the steps.
+nothing was rounded out on axes with one velocity, and with that, each for the whole time and for a half, a quarter and
+an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
+steps.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
@@ -39,7 +41,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.problem import ReachAvoidProblem
 
-HALVES = 64  # parts of an interval in which velocities carry a boundary on
+FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
 BOX = 1 / 64  # of an axis, the width of these boxes
 SET_NODES = 1_000_000  # at which a set is looked at, at most
@@ -162,8 +164,8 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     farthest = extent[:, None] / extent  # a coordinate goes no farther than its axis
     lost, first = np.stack([m, 0 * m, 0 * m]), m
-    one = np.eye(m.size) + problem.delta / HALVES * speeds.jacobians
-    one = np.linalg.matrix_power(one, HALVES)
+    one = np.eye(m.size) + problem.delta / FLOW_PARTS * speeds.jacobians
+    one = np.linalg.matrix_power(one, FLOW_PARTS)
     carried = np.broadcast_to(np.eye(m.size), one.shape)
     for _ in range(losing_steps(problem, speeds)):
         lost[1] += m * rounded + m @ turned
