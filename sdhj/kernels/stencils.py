@@ -143,10 +143,10 @@ def runs_of_ones(block, begin, length):
 
 
 @kernel(**UNCOUNTED)
-def images_inside(word, cell, place, moves, cells, extended, scratch, wanted, found):
-    """Write which of the 64 cells of a word have their image in a set, of each move, found (L,) uint64; and return any.
+def images_inside(word, cell, place, moves, cells, extended, scratch, found):
+    """Leave those of the 64 cells of a word that have their image in a set, of each move; and return any.
 
-    Only those of `wanted` are asked about, a bit for each.
+    found (L,) uint64: a bit for each cell that is asked about, in place.
 
     cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
     rows of the set with what comes before and behind them on the last axis, in words.
@@ -157,7 +157,6 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, wanted, fo
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
         length = min(length, count)
-        found[j] = wanted
         for _ in range(total):
             block = extended[row_of_box(scratch, cells)]
             for at in range(0, length, 64):
@@ -198,8 +197,8 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
         if not near[bit >> 6]:
             continue
         if bit & 63 == 0 and images_in.size > 0:
-            wanted = inside[bit >> 6] if keep else ~inside[bit >> 6]
-            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, indices, wanted, images_in)
+            images_in[:] = inside[bit >> 6] if keep else ~inside[bit >> 6]
+            some = images_inside(bit >> 6, cell, begin, moves, cells, pool, indices, images_in)
             if some == 0 and not keep:
                 continue
         if has_bit(inside, bit) != keep:  # obligation 3.11

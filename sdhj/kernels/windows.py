@@ -106,7 +106,7 @@ def with_beyond(planes, count, far, periodic, out):
             for d in range(1, far + 1):
                 before, after = (whole, whole) if periodic else (planes[row, 0], planes[row, fine - 1])
                 low, high = ((count - d) % count, (d - 1) % count) if periodic else (0, count - 1)
-                if has_bit(before, low):  # obligation 4.54
+                if has_bit(before, low):
                     set_bits(block, margin - d, margin - d + 1)
                 if has_bit(after, high):
                     set_bits(block, margin + count + d - 1, margin + count + d)

@@ -93,7 +93,6 @@ FALSE = {
     "boxes along a row": ("4.51 drop", "pursued", CLEAR),
     "what only an adversary moves": ("4.52 zero 6", "pursued", CLEAR),
     "boxes that may meet a set": ("4.53 put 2 {3} < 0", "pursued", CLEAR),
-    "what is beside a row": ("4.54 false 1", "pursued", CLEAR),
     "the first box of a tube": ("4.55 turn 5", "pursued", CLEAR),
     "sets in words": ("4.56 put 4 []", "pursued", CLEAR),
     "parts of sets in words": ("4.58 put 11 0 * {11}", "pursued", CLEAR),
