@@ -27,6 +27,7 @@ from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
+from sdhj.simulation.played import played
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
@@ -88,7 +89,7 @@ def solve_stored(
         recursion(sets, problem.steps, meter.tube)
         details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}
         store.finish(sets.table.index, method.options | details)
-    return load_stored(path, problem, check=False)
+    return load_stored(path, problem, check=False, player=played)
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:

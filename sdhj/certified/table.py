@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -24,7 +24,7 @@ from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.explaining import Explanation
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
@@ -57,6 +57,7 @@ class CertifiedTable(Table):
     index: FloatArray
     pool: FloatArray
     details: Mapping[str, Any]
+    player: Player | None = field(default=None, compare=False)
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
 

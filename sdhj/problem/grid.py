@@ -164,11 +164,7 @@ class Grid:
 
     def continued(self, by: Sequence[int]) -> "Grid":
         """The grid with so many more nodes of each axis before its lower and behind its upper end, as if at walls."""
-        past, nodes = np.array(by) * self.spacing, [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
-        ends = (np.array(self.lower) - past).tolist(), (np.array(self.upper) + past).tolist()
-        wide = Grid(*ends, nodes, self.periodic, self.names, "wall")
-        object.__setattr__(wide, "spacing", self.spacing)  # to the bit
-        return wide
+        return Continued(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
@@ -331,6 +327,17 @@ class Rimmed(Grid):
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
         return self.over
+
+
+@dataclass(frozen=True, init=False)
+class Continued(Grid):
+    """A grid with so many more nodes before the lower and behind the upper end of each axis, as if at walls."""
+
+    def __init__(self, grid: Grid, by: Sequence[int]) -> None:
+        past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
+        ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
+        super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
+        object.__setattr__(self, "spacing", grid.spacing)  # to the bit, which the ends do not give
 
 
 @dataclass(frozen=True, init=False)

@@ -28,7 +28,7 @@ PROBES = 4096  # states at which the slope of a tube is found
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 POINT_ROUNDING = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
-PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
+Player = Callable[..., Any]  # simulates runs of a table: `sdhj.simulation.played.played`
 
 
 class Batch(NamedTuple):
@@ -97,8 +97,8 @@ class Table:
     steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left. ValueError
     where an argument does not fit.
 
-    A subclass for a new method implements `problem`, `method`, `details`, `values`, `inputs`, `save`, and the methods
-    marked "To be implemented" here.
+    A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`, `method`,
+    `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
     """
 
     problem: ReachAvoidProblem
@@ -106,6 +106,7 @@ class Table:
     details: Mapping[str, Any]
     index: FloatArray
     proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
+    player: Player | None = None  # by which runs are simulated; `sdhj.solving`, which knows one, hands it over
     _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
     _tapes: Any = NO_TAPES
 
@@ -145,7 +146,9 @@ class Table:
         sdhj.simulation.played.Played
             `print` shows how many runs were lost, in which way, and what would help.
         """
-        return PLAYER[0](self, runs, adversary, seed, steps)
+        if self.player is None:
+            raise ValueError(f"this {type(self).__name__} has no player; use a table of sdhj.solve or sdhj.load")
+        return self.player(self, runs, adversary, seed, steps)
 
     def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
         """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.

@@ -23,7 +23,7 @@ import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -45,6 +45,7 @@ from sdhj.table.files import (
     replaced_whole,
     unwritable,
 )
+from sdhj.table.batches import Player
 from sdhj.table.table import AvoidTubes, LookupTable, ascending_axes
 
 STORE_FORMAT = 4
@@ -378,6 +379,7 @@ class Store(Arrays):
         return np.asarray(np.memmap(self.file(array), self.layout.kind(array), "r", begin, found))
 
 
+@dataclass(frozen=True, repr=False)
 class StoredTable(LookupTable):
     """A `LookupTable` whose arrays are mapped from a store: what is asked for is read, and the system keeps some of it.
 
@@ -385,11 +387,16 @@ class StoredTable(LookupTable):
     name of its folder, from which it is loaded again.
     """
 
-    path: Path | None = None  # None of what `dataclasses.replace` made of it
+    path: Path | None = field(default=None, init=False, compare=False)
+    folder: InitVar[Path | None] = None  # `path`; none of what `dataclasses.replace` makes of it
+
+    def __post_init__(self, folder: Path | None) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "path", folder)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         opaque = self.problem if self.problem.opaque else None
-        return (load_stored, (self.path, opaque)) if self.path else super().__reduce_ex__(protocol)
+        return (load_stored, (self.path, opaque, True, self.player)) if self.path else super().__reduce_ex__(protocol)
 
 
 def is_store(path: Named) -> bool:
@@ -397,17 +404,19 @@ def is_store(path: Named) -> bool:
     return any(os.path.isfile(os.path.join(path, name)) for name in ("head", "zarr.json"))
 
 
-def load_stored(path: Named, problem: ReachAvoidProblem | None = None, check: bool = True) -> StoredTable:
+def load_stored(
+    path: Named, problem: ReachAvoidProblem | None = None, check: bool = True, player: Player | None = None
+) -> StoredTable:
     """Load the table of a store; all of it is read once and compared with its ledger, unless left out."""
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
     told = _unsealed(store.path / "index", store.seal)[0]
     with readable(store.path):
-        found = StoredTable.of_arrays(head, store.whole, np.array(told["index"], dtype=np.int64), problem)
+        index, fields = np.array(told["index"], dtype=np.int64), {"player": player, "folder": store.path}
+        found = StoredTable.of_arrays(head, store.whole, index, problem, **fields)
     if check:
         store.check(list(store.layout.slabs_with(len(found.tubes))))
-    object.__setattr__(found, "path", store.path)
     return found
 
 

@@ -27,8 +27,9 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.uncertain import shrunk, worst_around
 from sdhj.table.ahead import NO_TAPES, tapes_of
-from sdhj.table.batches import NOWHERE, Batch, Table, entry
+from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.keeping import Kept
 
 QUIET = 5  # steps over which the motion of a boundary is measured
 # cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
@@ -129,7 +130,8 @@ class LookupTable(Table):
     marks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
-    reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
+    reusable: Kept | None = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
+    player: Player | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "details", Sealed(self.details))
@@ -370,8 +372,13 @@ class LookupTable(Table):
         return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
 
     @classmethod
-    def of_arrays(cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem) -> Self:
-        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together."""
+    def of_arrays(
+        cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
+    ) -> Self:
+        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together.
+
+        fields : what else the table has.
+        """
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
@@ -388,7 +395,8 @@ class LookupTable(Table):
             axes = ascending_axes(head["avoid_axes"][name], f"avoid_{name}", grid)
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, head["method"], *read_only((index, tubes, marks)), AvoidTubes(*avoid), head["details"])
+        arrays, method = read_only((index, tubes, marks)), head["method"]
+        return cls(problem, method, *arrays, AvoidTubes(*avoid), head["details"], **fields)
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
