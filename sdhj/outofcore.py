@@ -25,9 +25,9 @@ from sdhj.problem.cost import Meter, begin
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.simulation.played import played
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
-from sdhj.simulation.played import played
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
@@ -178,7 +178,7 @@ def planned(
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.layout.slabs > 1:
-        problem._static.clear()  # what has been sampled of the whole grid is neither kept nor sent
+        problem.forget_samples()  # what has been sampled of the whole grid is neither kept nor sent
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(

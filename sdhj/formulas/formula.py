@@ -21,7 +21,7 @@ from sdhj.formulas.parameters import check_places
 from sdhj.formulas.rules import FACTS, RULES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.kernels import FloatArray, Remembering, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed
@@ -38,7 +38,7 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 
 @dataclass(frozen=True, eq=False)
-class Formula:
+class Formula(Remembering):
     """What a function computes, as an expression graph."""
 
     outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
@@ -46,8 +46,7 @@ class Formula:
     parameters: int = 1  # ... and further ones, of which the first is the time
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # for messages
-    source: Callable[..., Any] | None = field(default=None, repr=False)  # until a problem has compared the two
-    _restricted: dict[tuple[int, ...], "Formula"] = field(default_factory=dict, init=False, repr=False)
+    source: Callable[..., Any] | None = field(default=None, repr=False)  # what it was read from
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -196,12 +195,13 @@ class Formula:
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The same function of some coordinates, numbered anew; it reads no others."""
-        known, places = self._restricted, [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
-        if tuple(axes) not in known:
-            known[tuple(axes)] = Formula.traced(
-                self.name, lambda points, *given: self(points[:, places], *given), len(axes), self.parameters
-            )
-        return known[tuple(axes)]
+        places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
+
+        def function(points: Any, *given: Any) -> Any:
+            """The formula at points of those axes alone."""
+            return self(points[:, places], *given)
+
+        return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:

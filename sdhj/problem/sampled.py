@@ -19,7 +19,6 @@ from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
 
 PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
-SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 
 
 @dataclass(frozen=True)
@@ -64,14 +63,23 @@ class Sampled(Statement):
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        key = unsafe_set.level_set, unsafe_set.sampling, self.grid.subgrid(unsafe_set.axes)
-        cache: Any = SAMPLED if isinstance(unsafe_set.level_set, Formula) else self._static  # black boxes may change
-        values = cache.get(key)
-        if values is None:
-            values = read_only(self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
-        if not unsafe_set.moving:
-            cache[key] = self._static[key] = values
-        return values
+        if unsafe_set.moving:
+            return self._at(unsafe_set, t)
+        level_set, rest = unsafe_set.level_set, (unsafe_set.sampling, self.grid.subgrid(unsafe_set.axes))
+        if (level_set, *rest) not in self._static:  # else an earlier problem may have it; black boxes may change
+            shared = isinstance(level_set, Formula)
+            known = level_set.remembered("samples", WeakValueDictionary[Any, FloatArray]) if shared else {}
+            found = known.get(rest)
+            known[rest] = self._static[level_set, *rest] = self._at(unsafe_set, t) if found is None else found
+        return self._static[level_set, *rest]
+
+    def _at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
+        """g of one unsafe set at time t, sampled."""
+        return read_only(self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+
+    def forget_samples(self) -> None:
+        """Let go of what has been sampled."""
+        self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.formulas.graph import Lookup
 from sdhj.formulas.text import written
-from sdhj.kernels import FloatArray, kept
+from sdhj.kernels import FloatArray, Remembering, kept
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
@@ -22,7 +22,7 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 
 
 @dataclass(frozen=True)
-class Statement:
+class Statement(Remembering):
     """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them."""
 
     grid: Grid

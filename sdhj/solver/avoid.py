@@ -41,21 +41,17 @@ class Danger(NamedTuple):
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
-    if (found := vars(problem).get("_dangers")) is None:
-        found = [
-            Danger(
-                axes := problem.avoid_axes(unsafe_set),
-                problem.moves(unsafe_set),
-                problem,
-                unsafe_set,
-                (slice(None),) * len(axes),
-            )
-            for unsafe_set in problem.unsafe
-        ]
-        unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
-        found += [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
-        vars(problem)["_dangers"] = found
-    return list(found)
+    return list(problem.remembered("dangers", lambda: _dangers(problem)))
+
+
+def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
+    """The avoid games of a problem: see `dangers`."""
+    found = []
+    for unsafe_set in problem.unsafe:
+        axes = problem.avoid_axes(unsafe_set)
+        found.append(Danger(axes, problem.moves(unsafe_set), problem, unsafe_set, (slice(None),) * len(axes)))
+    unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
+    return found + [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:

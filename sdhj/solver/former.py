@@ -10,7 +10,7 @@ boxes do (`nodes_read`); in the moving frame, whose PDE was kept, only as far as
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -26,7 +26,6 @@ from sdhj.table.keeping import Kept, Meaning
 from sdhj.table.table import LookupTable
 
 PLANE = 2  # axes of a plane
-
 
 
 def meaning(function: Any) -> Meaning:

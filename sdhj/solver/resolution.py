@@ -10,7 +10,6 @@ import math
 from functools import lru_cache
 from itertools import permutations, product
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -27,7 +26,6 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
-FOUND = WeakKeyDictionary[Formula, dict[Any, Finding | None]]()  # of a set, which the next problem may have too
 SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are asked
 SPANS = 50  # intervals at most in which something that moves is looked at
 IGNORED = "so the table ignores it"
@@ -43,7 +41,9 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
-        known = FOUND.setdefault(unsafe_set.level_set, {}) if isinstance(unsafe_set.level_set, Formula) else {}
+        level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
+        if isinstance(level_set, Formula):  # the next problem may have it too
+            known = level_set.remembered("findings", dict)
         for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist():
             key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
             if key not in known:

@@ -97,8 +97,8 @@ class Table:
     steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left. ValueError
     where an argument does not fit.
 
-    A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`, `method`,
-    `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
+    A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
+    `method`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
     """
 
     problem: ReachAvoidProblem

@@ -34,6 +34,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import option, whole
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import Player
 from sdhj.table.files import (
     Lengths,
     Named,
@@ -45,7 +46,6 @@ from sdhj.table.files import (
     replaced_whole,
     unwritable,
 )
-from sdhj.table.batches import Player
 from sdhj.table.table import AvoidTubes, LookupTable, ascending_axes
 
 STORE_FORMAT = 4
