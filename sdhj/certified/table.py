@@ -17,6 +17,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
+from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
@@ -24,6 +25,7 @@ from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
+from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.explaining import Explanation
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
@@ -151,6 +153,10 @@ class CertifiedTable(Table):
         places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
         return self.grid.clipped(found, "wall", "unsafe")
+
+    def as_level_set(self, within: int | None) -> BlackBox:
+        """-1 in the cells that are certified within so many steps, or all, 1 elsewhere: see `TargetSet.from_table`."""
+        return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
@@ -550,3 +556,35 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})
+
+
+def _cells(table: CertifiedTable, within: int) -> BlackBox:
+    """Of a certified table: -1 in its certified cells, 1 elsewhere."""
+    problem = table.problem
+
+    def step_at(t: float) -> int | None:
+        """The step whose sampling time t is; None if it is none of the table's."""
+        step = 0 if problem.time_invariant else max(round((t - problem.time(0)) / problem.delta), 0)
+        on_time = problem.time_invariant or abs(problem.time(step) - t) <= ON_TIME * problem.delta
+        return step if on_time and step <= table.steps else None
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """-1 in certified cells of the step at time t, 1 elsewhere."""
+        step = step_at(t)
+        if step is None:
+            return np.ones(len(points))
+        return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
+
+    def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
+        """Bounds over boxes: (-1, -1) in certified cells only, (1, 1) in none, else (-1, 1)."""
+        if t0 != t1 and not problem.time_invariant:
+            raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
+        step = step_at(t0)
+        if step is None:
+            return np.ones(len(low)), np.ones(len(low))
+        off = table.proof.prediction_error  # with sensing the certified states are predictions
+        every, some = table.certified_boxes(low - off, high + off, start=step, within=within)
+        return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
+
+    rate = 0.0 if problem.time_invariant else None
+    return BlackBox(level_set, rate=rate, enclosure=enclosure, name=f"the tube of {problem.name!r}")

@@ -19,6 +19,7 @@ from sdhj.problem.checks import points_array, real_array, sealed, states_array, 
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.as_sets import interpolated
 from sdhj.table.explaining import Explanation, explain_on_grid
 
 CHUNK = 4096  # states that one thread takes at a time
@@ -174,6 +175,12 @@ class Table:
         return explain_on_grid(self, q, step, within)
 
     # ---- sets
+
+    def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
+        """Level-set function (points, t) of the tube within so many steps, or all: see `TargetSet.from_table`."""
+        most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
+        steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
+        return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
         """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
