@@ -12,7 +12,7 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.checks import number, points_array
-from sdhj.problem.grid import Grid, Rimmed, Window
+from sdhj.problem.grid import SMALL, Grid, Rimmed, Window
 from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
@@ -63,19 +63,19 @@ class Sampled(Statement):
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        if unsafe_set.moving:
-            return self._at(unsafe_set, t)
-        level_set, rest = unsafe_set.level_set, (unsafe_set.sampling, self.grid.subgrid(unsafe_set.axes))
-        if (level_set, *rest) not in self._static:  # else an earlier problem may have it; black boxes may change
+        return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+
+    def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
+        """Samples of a set. A static formula is sampled once for all problems that have it; a black box may change."""
+        if part.moving:
+            return read_only(sample())
+        level_set, how = part.level_set, (getattr(part, "sampling", ""), self.grid.subgrid(part.axes))
+        if (level_set, *how) not in self._static:
             shared = isinstance(level_set, Formula)
             known = level_set.remembered("samples", WeakValueDictionary[Any, FloatArray]) if shared else {}
-            found = known.get(rest)
-            known[rest] = self._static[level_set, *rest] = self._at(unsafe_set, t) if found is None else found
-        return self._static[level_set, *rest]
-
-    def _at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
-        """g of one unsafe set at time t, sampled."""
-        return read_only(self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+            found = known.get(how)
+            known[how] = self._static[level_set, *how] = read_only(sample()) if found is None else found
+        return self._static[level_set, *how]
 
     def forget_samples(self) -> None:
         """Let go of what has been sampled."""
@@ -130,8 +130,13 @@ class Sampled(Statement):
         grid, target = self.grid, self.target
         if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)
-        found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
-        return grid.lift(found, target.axes)
+
+        def sample() -> FloatArray:
+            """The target's level-set function at the nodes of its axes."""
+            return self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+
+        large = grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
+        return grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
