@@ -134,7 +134,7 @@ def taken(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) 
         "steps=None": problem.steps is None,
         "sensing": problem.sensing,
         "dynamics that depend on time": problem.dynamics.timed,
-        "safe ends": problem.grid.has("safe"),
+        "safe ends": problem.grid.has("frees"),
     }
     if reason := next((reason for reason, applies in reasons.items() if applies), None):
         raise ValueError(f"a store does not take {reason}{INSTEAD}")

@@ -203,13 +203,13 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     grid, sensing = problem.grid, problem.sensing
     known = not (np.any(sensing.error) or sensing.delay) and problem.dynamics.reads[:, axis].any()
     # obligation 1.3
-    lower, upper = (int(known and end == "wall" and not grid.periodic[axis]) for end in grid.ends[axis])
+    lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
     return lower, upper
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
     """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
-    walls = [end == "wall" and not grid.periodic[axis] for end in grid.ends[axis]]
+    walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
     ]:

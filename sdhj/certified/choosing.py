@@ -160,7 +160,7 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> Fl
 def _crossings(problem: ReachAvoidProblem) -> FloatArray:
     """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up."""
     grid, steps = problem.grid, problem.most_steps
-    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("unsafe"))
+    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
     out = np.isfinite(ends).sum(axis=0) / extent
     for part in known_sets(problem):
         own = grid.subgrid(part.axes)
@@ -208,7 +208,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
-    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
+    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()

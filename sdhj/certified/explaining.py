@@ -160,7 +160,7 @@ class _Cell:
         """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
-        ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True), self.scales
+        ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("fails"), strict=True), self.scales
         for k, (name, lower, upper) in enumerate(ends):
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]

@@ -301,10 +301,9 @@ def file_of(
     each = 1 if problem.time_invariant else table.steps + 1
     numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
     numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
-    safe = [sum(1 << side for side, end in enumerate(ends) if end == "safe") for ends in grid.ends]
-    known = grid.has("safe")
+    safe = ([1, 2] @ grid.ends_where("frees")).tolist()
     layers = table.cells.layers.T @ [2, 4]  # a reader that does not know them refuses the file
-    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe if known else [0] * ndim)
+    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
     reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
@@ -384,7 +383,7 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
     begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
     below, above = offset < begin - table.proof.shell, offset > end + table.proof.shell
-    safe = np.array([[end == "safe" for end in ends] for ends in grid.ends]).T
+    safe = grid.ends_where("frees")
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)
     return np.where(

@@ -180,7 +180,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
         # obligation 1.1
         own[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
         steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-        own[i] |= not steady and "wall" in problem.grid.ends[i] and not axis.periodic  # obligation 1.2
+        own[i] |= not steady and problem.grid.ends_where("holds")[:, i].any()  # obligation 1.2
     return own
 
 
@@ -240,7 +240,7 @@ class Images(Proof):
     @kept
     def past(self) -> FloatArray:
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
-        return np.stack(self.problem.grid.faces("safe"))
+        return np.stack(self.problem.grid.faces("frees"))
 
     def moves(self, step: int) -> Moves:
         """Those of the interval from a step."""
@@ -384,7 +384,7 @@ class Images(Proof):
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
         """`moved`, where walls hold back the ends of boxes. In place."""
-        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("wall")))
+        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(

@@ -152,7 +152,7 @@ class CertifiedTable(Table):
             columns.append(column)
         places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
-        return self.grid.clipped(found, "wall", "unsafe")
+        return self.grid.clipped(found, "holds", "fails")
 
     def as_level_set(self, within: int | None) -> BlackBox:
         """-1 in the cells that are certified within so many steps, or all, 1 elsewhere: see `TargetSet.from_table`."""

@@ -48,8 +48,8 @@ def margins_of(
     if pairs.size:
         moved = states[pairs] + moves[rows[pairs], inputs]
         after = table.steps_to_go(table.grid.clipped(moved), step + 1)
-        if table.grid.has("safe"):
-            after[table.grid.beyond(moved, "safe")] = 0  # out of danger for good
+        if table.grid.has("frees"):
+            after[table.grid.beyond(moved, "frees")] = 0  # out of danger for good
         margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
     return margins
 

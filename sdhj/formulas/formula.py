@@ -18,10 +18,11 @@ from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
+from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.rules import FACTS, RULES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
-from sdhj.kernels import FloatArray, Remembering, kept, read_only
+from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
 from sdhj.kernels.tape import Tape, packed

@@ -64,26 +64,6 @@ def unwritable(value: Any) -> Any:
     return SealedList(value) if isinstance(value, list) else value
 
 
-class Remembering:
-    """What others found out about an object, which goes with it; it is neither compared nor pickled."""
-
-    @cached_property
-    def _remembered(self) -> dict[Any, Any]:
-        """What was found out, by key."""
-        return {}
-
-    def remembered(self, key: Any, find: Callable[[], T]) -> T:
-        """What `find()` returned the first time that somebody asked with this key."""
-        if key not in self._remembered:
-            self._remembered[key] = find()
-        found: T = self._remembered[key]
-        return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: all but what was found out."""
-        return {name: value for name, value in vars(self).items() if name != "_remembered"}
-
-
 class kept(cached_property[T]):
     """A `cached_property` whose arrays, mappings and lists are read-only."""
 

@@ -113,7 +113,7 @@ def check_sensing(problem: Sampled) -> None:
             "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
             'must be "swept" or "sampled"'
         )
-    if grid.has("safe"):
+    if grid.has("frees"):
         raise ValueError('with sensing no end of the grid may be "safe": it is uncertain when the state has passed it')
     goals = (problem.goal(step) for step in steps)
     if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):

@@ -29,7 +29,7 @@ class Sampled(Statement):
     def padded(self) -> Self:
         """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
         grid = self.grid
-        padding = np.isfinite(grid.faces("safe")).T * PADDING  # (ndim, 2)
+        padding = np.isfinite(grid.faces("frees")).T * PADDING  # (ndim, 2)
         if not padding.any():
             return self
         past, nodes = padding.T * grid.spacing, (padding.sum(axis=1) + grid.shape).tolist()
@@ -38,12 +38,12 @@ class Sampled(Statement):
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
             """The set continued past safe ends with its values at the ends."""
-            ends, swept = grid.subgrid(unsafe_set.axes).faces("safe"), unsafe_set.swept
+            ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
                 unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
             )
 
-        dynamics = self.dynamics.clipped(*grid.faces("safe"))
+        dynamics = self.dynamics.clipped(*grid.faces("frees"))
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
     def on(self, grid: Grid) -> "Sampled":
@@ -122,7 +122,7 @@ class Sampled(Statement):
             )
             values = np.maximum(values, -grid.lift(g, unsafe_set.axes))
         if self.has_no_target:
-            values = np.maximum(values, -grid.to_ends("unsafe"))
+            values = np.maximum(values, -grid.to_ends("fails"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:

@@ -9,8 +9,9 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.formulas.graph import Lookup
+from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import written
-from sdhj.kernels import FloatArray, Remembering, kept
+from sdhj.kernels import FloatArray, kept
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
@@ -102,7 +103,7 @@ class Statement(Remembering):
 
         Also those with safe ends, because a state that has left through one can no longer collide.
         """
-        safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
+        safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
         return self.interval(0).self_contained({*unsafe_set.axes, *np.flatnonzero(safe).tolist()})
 
     @cached_property

@@ -173,10 +173,10 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) ->
     +inf past a safe end, where nothing matters any longer.
     """
     grid = problem.grid
-    low, high = grid.faces("unsafe")
+    low, high = grid.faces("fails")
     ends = np.minimum(states - low, high - states).min(axis=1)
-    found = np.minimum(problem.unsafe_value(grid.clipped(states, "safe"), t), ends)
-    return np.where(grid.beyond(states, "safe"), np.inf, found)
+    found = np.minimum(problem.unsafe_value(grid.clipped(states, "frees"), t), ends)
+    return np.where(grid.beyond(states, "frees"), np.inf, found)
 
 
 def greedy(moment: Moment) -> FloatArray:

@@ -109,7 +109,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
         """Note where a run first touches an unsafe set or leaves the grid."""
-        for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "unsafe")):
+        for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             places.setdefault(int(moment.runs[row]), _where(table, states[row], at, bool(clearance[row] <= 0)))
 
@@ -149,9 +149,9 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
     """The name of the unsafe set that a state is in, or of the axis past whose end it is."""
     problem, grid = table.problem, table.grid
     if met:
-        inside = grid.clipped(state[None], "safe")
+        inside = grid.clipped(state[None], "frees")
         return min(problem.unsafe, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
-    low, high = grid.faces("unsafe")
+    low, high = grid.faces("fails")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 

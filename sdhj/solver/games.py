@@ -275,11 +275,11 @@ class HJIGames(_OnAxes):
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
-        wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
+        wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push
         several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
         coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
         shrinks = (
-            self.problem.has_no_target & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
+            self.problem.has_no_target & np.isfinite(self.grid.faces("fails")).any(axis=0) & self.drift.any(axis=0)
         )
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 

@@ -282,7 +282,7 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
     if layout.slabs == 1:
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
-            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("unsafe")
+            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (

@@ -31,7 +31,7 @@ def prepared(
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
-    faces = np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper, *interval.held])
+    faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.held])
     return packed(*grid.arrays, *axes, order, times if checks else times[:0], faces, np.array([interval.begin]), *tapes)
 
 

@@ -241,9 +241,9 @@ class Controller:
         within, details = self.table.steps - step, self.table.details
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
-        elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
+        elif self.problem.grid.beyond(states, "fails", "holds")[0]:
             where = "it is off the grid"
-        elif self.problem.grid.beyond(states, "safe")[0]:
+        elif self.problem.grid.beyond(states, "frees")[0]:
             where = "it is past a safe end, where the task is over"
         elif self.table.proved:
             where = "its cell is not certified: table.explain says why"

@@ -46,10 +46,10 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
     from that: one cell inside the last node in the set, which keeps the tube clear of states that are lost.
     """
     leaves = _cells_to(grid, ~invariant)
-    for axis, (low, high) in enumerate(grid.ends):
+    for axis, fails in enumerate(grid.ends_where("fails").T):
         place = np.arange(grid.shape[axis], dtype=np.float64)
-        for end, gap in ((low, place + 1.0), (high, grid.shape[axis] - place)):
-            if end == "unsafe" and not grid.periodic[axis]:
+        for end, gap in zip(fails, (place + 1.0, grid.shape[axis] - place), strict=True):
+            if end:
                 leaves = np.minimum(leaves, grid.lift(gap, (axis,)))
     return np.where(invariant, 2.0 - leaves, 1.0 + _cells_to(grid, invariant))
 
