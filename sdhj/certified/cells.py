@@ -53,7 +53,7 @@ def exact(value: float) -> Fraction:
 
 
 def measured(value: float) -> Fraction:
-    """As `exact`, or the short decimal that twelve digits are: the 0.6000000000000001 of a range means six tenths."""
+    """A number exactly, or the short decimal that its twelve digits are: 0.6000000000000001 means six tenths."""
     short = _decimal(float(value), "", EXACT_DIGITS)
     return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
 
@@ -99,6 +99,7 @@ class CellAxis:
     layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end
 
     def __post_init__(self) -> None:
+        """ValueError where the cells do not cover the axis with each of them needed."""
         if (self.count - sum(self.layers) - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"

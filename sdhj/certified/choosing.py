@@ -127,7 +127,7 @@ def _spread(
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """What is lost on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
+    """The loss on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
     for each unit of what `rounded_out` says, in all steps.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
@@ -141,7 +141,7 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 
 
 def lost_to(problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis]) -> FloatArray:
-    """What is lost to each choice of the cells of an axis, at its rates (3,) of `losses`."""
+    """The loss of each choice of the cells of an axis, at its rates (3,) of `losses`."""
     widths = np.array([float(own.width) for own in choices])
     return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths)
 

@@ -102,6 +102,7 @@ class _Cell:
     """The cell of a state, and what its inputs lead to."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
+        """Look at the cell of a state, at a step with `within` steps to go, by the intervals of the proof."""
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
         self.place, parts = table.tube_index(step + 1, within - 1), table.proof.parts

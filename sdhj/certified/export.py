@@ -180,6 +180,7 @@ class Packer:
     """Numbers of words and bodies of blocks, each kept once."""
 
     def __init__(self, size: int) -> None:
+        """An empty collection of words of `size` bytes."""
         self.known, self.used = np.zeros((1024, size), np.uint8), 0
         self.slots, self.bodies, self.index = np.full(4096, -1), dict[bytes, int](), list[int]()
         self.blocks: list[FloatArray] = []
@@ -215,6 +216,7 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
+        """Cut the cells into blocks, and these into pieces of work of at most `CELLS_AT_ONCE` cells."""
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
@@ -345,7 +347,7 @@ def told(
     rule: Rule,
     brake: int,
 ) -> list[bytes]:
-    """What `sdhj_selftest` adds up, of each of the states (M, ndim) at a step; wanted (M,): numbers of inputs."""
+    """The summands of `sdhj_selftest`, of states (M, ndim) at a step; wanted (M,): numbers of inputs."""
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
     to_go, safe, chosen = table._words.look(table, states, step, left if problem.has_no_target else min(1, left), rule)
@@ -477,6 +479,7 @@ class Exported:
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
+        """Compile the files in a folder, which have been exported from a table."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -507,6 +510,7 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
+        """The C function of that name as a function of states, step and wanted inputs."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)

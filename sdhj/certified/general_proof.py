@@ -106,7 +106,7 @@ def peak(
 
 @dataclass(frozen=True)
 class GeneralProof(Images):
-    """What one interval does to the cells, for the recursion and for questions about states.
+    """The images of a robot's cells over one interval, for the recursion and for questions about states.
 
     Attributes
     ----------

@@ -107,7 +107,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
 @dataclass(frozen=True)
 class Proof:
-    """What the proofs of all problems have: the problem, its cells, and how many parts an interval is cut into.
+    """The fields of every proof: the problem, its cells, and how many parts an interval is cut into.
 
     The recursion and the table ask a proof for `prepare`, `goal`, `add`, `image`, `places` and `inputs`.
     """
@@ -220,6 +220,7 @@ class Images(Proof):
     high: FloatArray
 
     def __post_init__(self) -> None:
+        """Make the strides read-only."""
         read_only(self.strides)
 
     @cached_property
@@ -368,7 +369,7 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """What the ends of boxes, moved by `moved`, have moved by at the end of a piece: all (2, M, ndim)."""
+        """How far the lower and upper ends of boxes have moved at the end of a piece, before it by `moved`: (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25

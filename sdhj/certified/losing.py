@@ -39,7 +39,7 @@ MOST_VERTICES = 64
 
 @dataclass(frozen=True)
 class LosingProof(Images):
-    """What one interval does to the cells where the adversary plays; the recursion asks it what it asks of a proof.
+    """The images of cells over one interval where the adversary chooses; the recursion asks it what it asks of a proof.
 
     Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v.
     """

@@ -64,6 +64,7 @@ class CertifiedTable(Table):
     proved: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        """Make arrays and details read-only."""
         read_only((self.index, self.pool))
         object.__setattr__(self, "details", Sealed(self.details))
 
@@ -198,7 +199,7 @@ class CertifiedTable(Table):
         return self._united(states, asked)
 
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """What is true (n, L) of any of the cells (n, ndim) of each of the states (M, ndim): bool (M, L)."""
+        """Whether asked(cells (n, ndim)), (n, L), holds in any cell of each state (M, ndim): bool (M, L)."""
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count, out = (
@@ -301,7 +302,7 @@ class CertifiedTable(Table):
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """As `Table.answers`, from the words of the states' cells. Only certified inputs are safe.
+        """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
 
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
         target there may be no input that is proved to bring the state back into it one step later.
@@ -483,6 +484,7 @@ class CellSets:
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
+        """Prepare a proof; no entry is filled in yet."""
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -548,7 +550,7 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
+    """The cells that are surely lost, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
 
     Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
     """

@@ -134,9 +134,11 @@ class Words:
     """The words of a table that were asked for, a layer for each step, within and rule."""
 
     def __init__(self) -> None:
+        """No words are known yet."""
         self.layers: dict[Any, Layer] = {}
 
     def __reduce__(self) -> Any:
+        """A copy knows no words."""
         return Words, ()  # locks cannot be copied
 
     def look(
@@ -164,6 +166,7 @@ class Layer:
     """Words by the number of their cell, in a hash table. Several threads may ask it."""
 
     def __init__(self, width: int) -> None:
+        """A table of words with so many bytes, in which none is known."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 

@@ -40,7 +40,7 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 @dataclass(frozen=True, eq=False)
 class Formula(Remembering):
-    """What a function computes, as an expression graph."""
+    """A function as an expression graph."""
 
     outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
     coordinates: int  # how many it is a function of
@@ -228,6 +228,7 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
+        """The formula as text, from which `restored` makes it again."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
@@ -393,6 +394,7 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
+        """Check the function and what is declared of it; ValueError where one does not fit."""
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
@@ -475,6 +477,7 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
+        """Values (M, *shape) at points (M, n); ValueError where they are no finite numbers of that shape."""
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)

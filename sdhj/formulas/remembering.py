@@ -12,16 +12,16 @@ class Remembering:
 
     @cached_property
     def _remembered(self) -> dict[Any, Any]:
-        """What was found out, by key."""
+        """All that was found out, by key."""
         return {}
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
-        """What `find()` returned the first time that somebody asked with this key."""
+        """The value of `find()`, which is called the first time that somebody asks with this key."""
         if key not in self._remembered:
             self._remembered[key] = find()
         found: T = self._remembered[key]
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: all but what was found out."""
+        """All is pickled but what was found out."""
         return {name: value for name, value in vars(self).items() if name != "_remembered"}

@@ -36,7 +36,7 @@ def nodes_read(cells: float) -> int:
 def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
-    """What `Leaves` say of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
+    """The `Leaves` of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
 
     some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
         off than the window's ends is taken from there.
@@ -166,7 +166,7 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """What `maxima` takes, as `sdhj.problem.cost` counts: a node of a leaf looks at four others, and those between."""
+    """Operations (`sdhj.problem.cost`) of `maxima`: a node of a leaf looks at four others, and at those between."""
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:

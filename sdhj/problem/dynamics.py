@@ -87,6 +87,7 @@ class Dynamics:
     _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        """Check inputs, functions and arrays; ValueError where one does not fit."""
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")

@@ -84,6 +84,7 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
+        """Check the arguments, and write ends out for each axis."""
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
@@ -187,14 +188,17 @@ class Grid:
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
+        """The attributes that have one entry for each axis."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
+        """The subgrids that have been made, by their axes."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        """The answers of `faces`, by fates."""
         return {}
 
     @property
@@ -326,11 +330,13 @@ class Rimmed(Grid):
     over: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
+        """The grid, whose first and last nodes are `over` its safe ends."""
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
         object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
+        """How many nodes lie past the safe ends."""
         return self.over
 
 
@@ -339,6 +345,7 @@ class Continued(Grid):
     """A grid with so many more nodes before the lower and behind the upper end of each axis, as if at walls."""
 
     def __init__(self, grid: Grid, by: Sequence[int]) -> None:
+        """The grid with `by` nodes more on both sides of each axis."""
         past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
         ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
         super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
@@ -357,6 +364,7 @@ class Window(Grid):
     first: tuple[int, ...] = ()  # the window's first node on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
+        """The window of `shape` nodes from the node `first` of the whole grid on."""
         for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
@@ -365,6 +373,7 @@ class Window(Grid):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
+        """That of the whole grid."""
         return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:

@@ -45,6 +45,7 @@ class Velocities:
     terms: dict[Any, Any] | None = field(default=None, repr=False)  # what is made of them for the kernels, if kept
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         read_only((self.low, self.high, self.drift, self.gain))
 
     def kept(self) -> "Velocities":
@@ -117,7 +118,7 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """What an input and the adversary can do from one sampling time to the next.
+    """The motion from one sampling time to the next, under a constant input and any disturbance.
 
     Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
     """

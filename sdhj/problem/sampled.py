@@ -152,7 +152,7 @@ class Sampled(Statement):
         return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
-        """As `unsafe_value` at points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
+        """The `unsafe_value` of points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -181,13 +181,16 @@ class OnWindow(Sampled):
 
     @property
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """Those of the whole problem."""
         return self.whole.half_widths
 
     @property
     def error_growth(self) -> FloatArray:
+        """That of the whole problem."""
         return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
+        """The interval from step k, restricted to the window where velocities depend on the state."""
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)
         if 0 not in self._intervals:

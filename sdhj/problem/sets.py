@@ -83,6 +83,7 @@ class UnsafeSet:
     sampling: str = "nodes"
 
     def __post_init__(self) -> None:
+        """Read the level-set function, and `swept`; ValueError where one does not fit."""
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         count, name = len(self.axes), f"level set of {self.name!r}"
@@ -165,11 +166,13 @@ class Solved(Protocol):
     """A table, as the target of another problem sees it."""
 
     @property
-    def grid(self) -> Grid: ...
+    def grid(self) -> Grid:
+        """The grid of its problem."""
 
     problem: Any
 
-    def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]: ...
+    def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
+        """Level-set function (points, t) of a tube, within so many steps or all that are left."""
 
 
 @dataclass(frozen=True)
@@ -192,6 +195,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
+        """Read the level-set function; ValueError where it does not fit."""
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))

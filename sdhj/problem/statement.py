@@ -87,7 +87,7 @@ class Statement(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
+        """The motion from step k to k + 1; one object for all steps if the dynamics do not depend on time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
             lasts = self.sensing.hold(self.delta)

@@ -62,10 +62,11 @@ class Played:
         return max(self.interval[0], outside[0]) > ALARMING
 
     def __str__(self) -> str:
+        """How many runs were lost, how, and what would help."""
         return str(self.finding(""))
 
     def finding(self, told: str) -> Finding:
-        """What is lost of what a table promises, which `told` begins to say: the share, and the advice."""
+        """The share of the runs that is lost, in a sentence that `told` begins, and the advice."""
         low, high = self.interval
         message = f"{told}{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
         if self.outside < self.runs:

@@ -88,7 +88,7 @@ def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArra
 
 @dataclass(eq=False)
 class Patch:
-    """What of one entry is to be solved anew.
+    """The part of one entry that is to be solved anew.
 
     grid : of the problem.
     changed : planes in which the tube that the games start from differs from the former one.
@@ -157,6 +157,7 @@ class Former:
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
+        """Find out what the two problems have in common."""
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)

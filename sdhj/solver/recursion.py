@@ -187,6 +187,7 @@ class InputRows:
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
+        """Join as many trailing axes to rows as the avoid tubes allow."""
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -383,12 +384,15 @@ class GridMethod(Protocol):
     """A method that plays its games on the grid; `options` are for the details of the table, "dtype" for its arrays."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """By which tables and files name it."""
 
     @property
-    def options(self) -> Mapping[str, Any]: ...
+    def options(self) -> Mapping[str, Any]:
+        """Its options, by name."""
 
-    def on(self, problem: ReachAvoidProblem) -> Games: ...
+    def on(self, problem: ReachAvoidProblem) -> Games:
+        """The games of one interval of a problem."""
 
 
 class Slabs(NamedTuple):
@@ -425,6 +429,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
+        """Check memory, state the cost, and compute the avoid tubes."""
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick

@@ -127,6 +127,7 @@ class Table:
         return self.problem.most_steps
 
     def __repr__(self) -> str:
+        """The problem and method, the tube's share of the volume, and how many simulated runs were lost."""
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
         if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
@@ -301,7 +302,7 @@ class Table:
 
     @cached_property
     def _packed(self) -> dict[int, Tape]:
-        """What `packed_at` has made, by the step."""
+        """The tapes that `packed_at` has made, by the step."""
         return {}
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:

@@ -115,6 +115,7 @@ class Controller:
     remembered: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
+        """ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and not (isinstance(rule, str) and rule in RULES):

@@ -58,6 +58,7 @@ class Explanation:
     helps: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        """The explanation, the first failures, and what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []

@@ -12,7 +12,7 @@ Meaning = tuple[Any, ...]  # a key of what something computes
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What a table keeps for the next solve, in this process only: bits of another machine may be others.
+    """Parts of a solve that a table keeps for the next one, in this process only: elsewhere other bits may be computed.
 
     method : the object by which it was solved.
     each : by what it is of, the avoid tubes of one unsafe set, (L, *subgrid) at each step, where there are several.
@@ -24,6 +24,7 @@ class Kept:
     still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled, it is None: another process may round otherwise."""
         return type(None), ()
 
     @property

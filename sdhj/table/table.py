@@ -80,6 +80,7 @@ class AvoidTubes:
     moving: FloatArray
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         read_only((self.static, self.moving))
 
 
@@ -134,6 +135,7 @@ class LookupTable(Table):
     player: Player | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Make the details read-only."""
         object.__setattr__(self, "details", Sealed(self.details))
 
     # ---- filling it in
@@ -311,7 +313,7 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """As `Table._decide`, in compiled code where the sets are formulas."""
+        """Fill in some rows of a batch: see `Table._decide`; in compiled code where the sets are formulas."""
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._tapes is not NO_TAPES:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
@@ -321,7 +323,7 @@ class LookupTable(Table):
             super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """As `Table._answer`, by interpolation."""
+        """Fill in marks and margins of some rows of a batch, by interpolation."""
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:

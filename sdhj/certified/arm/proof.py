@@ -37,7 +37,7 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 @dataclass(frozen=True)
 class ArmProof(Proof):
-    """What one interval does to the cells, for the recursion and for questions about states."""
+    """The images of an arm's cells over one interval, for the recursion and for questions about states."""
 
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
@@ -83,6 +83,7 @@ class ArmProof(Proof):
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     def __post_init__(self) -> None:
+        """Make the arrays of the motion read-only."""
         read_only(tuple(self.motion))
 
     @property

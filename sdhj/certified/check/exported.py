@@ -35,9 +35,10 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
-    """What a file says: `ids` of the words of the cells of a start, and the fields of each word."""
+    """An exported file as read: `ids` of the words of the cells of a start, and the fields of each word."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Read an exported file; refused where a digest, a length or a number does not fit."""
         data = Path(path).read_bytes()
         whole = len(data) >= HEAD and data[:8] == MAGIC and struct.unpack_from("<I", data, 8) == (1,)
         whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
