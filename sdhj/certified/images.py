@@ -369,7 +369,7 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """How far the lower and upper ends of boxes have moved at the end of a piece, before it by `moved`: (2, M, ndim)."""
+        """How far both ends of boxes have moved at the end of a piece, and before it by `moved`: (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25
