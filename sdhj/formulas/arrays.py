@@ -68,7 +68,7 @@ def _place() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method whose errors count as refusals: whoever catches them goes another way than with numbers."""
+    """Let errors of a method become `NotTraced`, so that a user's function that catches them is refused too."""
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
@@ -351,7 +351,7 @@ def entries_of(value: Any) -> Any:
 
 
 def weak_type(value: Any) -> Any:
-    """Of an operand: its dtype, or int or float for a Python number, which takes that of other operands."""
+    """The dtype of an operand; int or float for a Python number, which takes that of other operands."""
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
     if isinstance(value, list | tuple) and holds_traced(value):
@@ -445,13 +445,13 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """NumPy's functions that are an operation, of numbers or of truth values."""
+    """The operation for each NumPy function that has one, of numbers or of truth values."""
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
 def _with(zeros: str) -> set[Any]:
-    """NumPy's functions whose zeros have such signs."""
+    """NumPy's functions whose zeros have such signs, by `Rule.zeros`."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 

@@ -209,7 +209,7 @@ def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
 
 
 def _scaled_velocity(velocity: Any, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """Where v does not enter linearly: each component of v is multiplied by its bound."""
+    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|): the velocity of a disturbance in [-1, 1]."""
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 

@@ -64,9 +64,10 @@ class Statement(Remembering):
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
+        """Half-widths of E, and by how much reachable boxes are widened to hold the next prediction; both (ndim,).
 
-        With memory to hold the next point that is carried on: by what E grows, and by what a push does in the end.
+        E is the solution w of dw/dt = A w + b with w(0) = error, a delay later (`growth_bound`). With memory, boxes
+        are widened to hold the next point that is carried on: by the growth of E, less what the push b does alone.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:

@@ -36,7 +36,7 @@ def meaning(function: Any) -> Meaning:
 
 
 def meaning_of_set(part: Any) -> Meaning:
-    """The same of a set, wherever it is in its problem."""
+    """A key of what an unsafe set or a target is, wherever it stands in its problem."""
     return part.axes, getattr(part, "sampling", ""), meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
@@ -227,7 +227,7 @@ class Former:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """The planes in which an entry differs from one of the same step."""
+        """The planes in which an entry (k, n) differs from the entry (k, made) of the former table."""
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
             self._differing[*entry, made] = differing(now, then)

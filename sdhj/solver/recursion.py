@@ -208,7 +208,7 @@ class InputRows:
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _places(self, axes: Axes, last: int = 1) -> FloatArray:
-        """Which part of a function on some axes belongs to each part of the grid that is made of so many last axes."""
+        """For each part of the grid, of `last` last axes, the number of the part of a function on `axes` there."""
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
         places = np.arange(math.prod(shape)).reshape(shape)
@@ -216,7 +216,7 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """The arguments of `add_inputs` for pieces on some axes, of so many inputs, besides their values.
+        """Where `add_inputs` finds the lines of so many functions on some axes: begins, places, widths, nodes.
 
         A line of one piece on all axes is a row.
         """
@@ -232,7 +232,7 @@ class InputRows:
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:
-        """Which rows have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        """The rows (R,) that have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
         axes, lead = self.grid.ndim - self.last, planes.ndim
         if axes > lead:  # lines
             planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])

@@ -67,7 +67,7 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
 
 
 def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
-    """Which error of measurements costs as much in an interval as any input changes, without memory."""
+    """Find an axis along which, without memory, an interval costs 2 E, and inputs change no more than that."""
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.memory:
         return None
@@ -124,7 +124,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
-    """A set that ends with the period of an axis."""
+    """Find a set that is cut off where a periodic axis closes: its level-set function differs in sign on both sides."""
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = part.level_set(before, t), part.level_set(after, t)
@@ -143,7 +143,7 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
 
 
 def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
-    """Velocities that jump where a periodic axis closes."""
+    """Find velocities that jump where a periodic axis closes."""
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -167,7 +167,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 
 
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
-    """An unsafe set that no node is in at any time."""
+    """Find an unsafe set that no node is in at any time."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
         g = (
@@ -185,7 +185,7 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
 
 
 def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
-    """A part of the set between the nodes, and what follows; its thickness."""
+    """Find a part of the set that lies between the nodes; `so` says what follows."""
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -228,7 +228,10 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
 
 
 def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """A level-set function that jumps at the set's boundary: by what part of its change there, in the median."""
+    """Find a level-set function that jumps at the set's boundary.
+
+    At zeros of the interpolant, the median of |g| / |change of g between the two nodes| is then `ABRUPT` or more.
+    """
     grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
     for axis in range(grid.ndim):

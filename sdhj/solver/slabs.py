@@ -69,7 +69,7 @@ class Plan:
 
     @cached_property
     def layout(self) -> Shapes:
-        """The arrays of the table."""
+        """The shapes of the table's arrays, and how they are cut into slabs."""
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
         width = self.width or self.problem.grid.shape[self.axis]

@@ -93,7 +93,7 @@ class Shapes:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
-        """Those of a problem's table; the rest is from `dtype` on."""
+        """The shapes of a problem's table; `cut` are the fields from `dtype` on."""
         tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 

@@ -88,7 +88,7 @@ class ArmProof(Proof):
 
     @property
     def shell(self) -> FloatArray:
-        """Of an arm in metres, as `sdhj.kernels.arm.links` bounds it."""
+        """How far off a cell a state counts as in it: `STATE_SLACK`, of an arm in metres (`sdhj.kernels.arm.links`)."""
         return np.full(4, STATE_SLACK)
 
     @staticmethod
@@ -111,7 +111,7 @@ class ArmProof(Proof):
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """Of a set: cells of the joints, words."""
+        """Shape of a packed set: cells of the two joints, and words of the cells (x, y)."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
