@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """See `CertifiedTable.explain`."""
+    """See `Table.explain`."""
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
     entry = entry_named(table, step, within)

@@ -27,7 +27,6 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
-from sdhj.table.explaining import Explanation
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
@@ -62,6 +61,7 @@ class CertifiedTable(Table):
     player: Player | None = field(default=None, compare=False)
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
+    _explain = explain
 
     def __post_init__(self) -> None:
         """Make arrays and details read-only."""
@@ -404,31 +404,6 @@ class CertifiedTable(Table):
         """
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
-
-    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
-        """Why a state is not certified: which obligation of the proof each input fails, and what may help.
-
-        What is not proved at these cells may be true all the same, and may be proved at others.
-
-        Parameters
-        ----------
-        q : (ndim,)
-            The state, in the units of the grid's axes.
-        step, within : int
-            As `start` and `within` of `contains`.
-
-        Returns
-        -------
-        Explanation
-            `print` shows it. For each input: the unsafe set, or the end of an axis, that its tube may meet, when and
-            how deep; or how many of the cells that it may lead to are not certified.
-
-        Raises
-        ------
-        ValueError
-            If a shape, a number, `step` or `within` does not fit.
-        """
-        return explain(self, q, *self.clipped(step, within))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the table to a file; replaces it, whole or not at all."""

@@ -389,7 +389,7 @@ class VectorField:
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
-        """One number of the drift, the gain or the "extremes" under an input."""
+        """The component `place`, in the flattened array, of the "drift", "gain" or "extremes" under input j."""
         known, key = self._derived, (name, j, place)
         if key not in known:
             found = (self.extremes_of if name == "extremes" else self.each[name])[j]

@@ -110,6 +110,7 @@ class Table:
     player: Player | None = None  # by which runs are simulated; `sdhj.solving`, which knows one, hands it over
     _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
     _tapes: Any = NO_TAPES
+    _explain = explain_on_grid
 
     @property
     def grid(self) -> Grid:
@@ -166,14 +167,16 @@ class Table:
         -------
         Explanation
             `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
-            or by how much it may end outside the tube with one step less to go.
+            or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
+            tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
+            not proved at these cells may be true all the same, and may be proved at others.
 
         Raises
         ------
         ValueError
             If a shape, a number, `step` or `within` does not fit.
         """
-        return explain_on_grid(self, q, step, within)
+        return self._explain(q, step, within)
 
     # ---- sets
 

@@ -159,7 +159,9 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
 def asked(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Of each field of inputs which are claimed of each word (words, L), and the steps to go by which (cells,)."""
+    """For each field of inputs its name, which inputs it has of each word (words, L), and the steps to go in which they
+    are claimed to lead to the target from each cell, (cells,).
+    """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
     for name, some in words.fields.items():
