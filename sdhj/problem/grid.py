@@ -197,6 +197,11 @@ class Grid:
         return {}
 
     @cached_property
+    def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
+        """The answers of `ends_where`, by fates."""
+        return {}
+
+    @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
         """The answers of `faces`, by fates."""
         return {}
@@ -258,8 +263,10 @@ class Grid:
 
     def ends_where(self, *fates: Fate) -> FloatArray:
         """Which lower and upper ends have one of these fates for a state beyond (`End`), of bounded axes: (2, ndim)."""
-        such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
-        return np.array(such).T & ~np.array(self.periodic)
+        if fates not in (cache := self._ends_where):
+            such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
+            cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
+        return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and upper ends with these fates, both (ndim,); -inf and +inf for other ends."""
