@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import sdhj
+from sdhj.formulas.arrays import MADE
 from sdhj.problem.ends import ENDS
 
 ROOT = Path(__file__).parent.parent.parent
@@ -31,12 +32,15 @@ def block(file: str) -> str:
 
 @pytest.fixture(scope="module")
 def names() -> Iterator[dict[str, Any]]:
-    """What the blocks define that make up one program."""
+    """What the blocks define that make up one program; other tests know neither its NumPy function nor its end."""
     defined: dict[str, Any] = {"__name__": "contributing"}
+    known = dict(MADE)
     for code in INLINE:
         exec(code, defined)
     yield defined
     del ENDS["door"]
+    MADE.clear()
+    MADE.update(known)
 
 
 def run(arguments: list[str], folder: Path, **environment: str) -> str:
