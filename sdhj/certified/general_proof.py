@@ -100,7 +100,7 @@ def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
     """See `GeneralProof.peak`; moves and clear are shapes."""
-    own, past = place_axes(problem, axes), np.stack(problem.grid.faces("safe"))
+    own, past = place_axes(problem, axes), np.stack(problem.grid.faces("frees"))
     boxes = [
         math.prod(axes[k].count for k in part.axes)
         * (0.5 if in_words(len(axes), own, past, part.axes) else 1 + 2 ** sum(axes[k].periodic for k in part.axes))
@@ -114,7 +114,7 @@ def peak(
 
 @dataclass(frozen=True)
 class GeneralProof(Images):
-    """What one interval does to the cells, for the recursion and for questions about states.
+    """The images of a robot's cells over one interval, for the recursion and for questions about states.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class GeneralProof(Images):
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
         steps = slice(None) if len(self.low) == 1 else slice(start, start + 1)
-        faces = np.stack(grid.faces("unsafe"))
+        faces = np.stack(grid.faces("fails"))
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
