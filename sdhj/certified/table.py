@@ -367,7 +367,21 @@ class CertifiedTable(Table):
         return lost_cells(self.problem, self.axes, self.proof.parts)
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
+        """Share of the state space proved neither won nor lost, the most that more cells can still decide.
+
+        Raises
+        ------
+        ValueError
+            If `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, certified:
+
+        >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+        >>> bool(0 <= proved.unknown() < 0.3)
+        True
+        """
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
 
     def steps_of_rounding(self, rounding: float = 1e-14) -> int:
@@ -419,6 +433,15 @@ class CertifiedTable(Table):
         ------
         ValueError
             If a shape, a number, `step` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, certified:
+
+        >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+        >>> explanation = proved.explain([2.95], step=0)
+        >>> print(str(explanation).splitlines()[0])
+        Not proved at these cells for step 0 with 5 steps to go:
         """
         return explain(self, q, *self.clipped(step, within))
 

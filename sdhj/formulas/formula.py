@@ -526,13 +526,33 @@ def union(*functions: Any) -> Any:
 
 
 def intersection(*functions: Any) -> Any:
-    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
+    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> above, below = (lambda q, t: -q[:, 0]), (lambda q, t: q[:, 0] - 1.0)
+    >>> sdhj.intersection(above, below)(np.array([[0.25], [2.0]]), 0.0)
+    array([-0.25,  1.  ])
+    """
     _check_sets("intersection", functions)
     return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
-    """The level-set function of all that is not in a set, from the set's: its negative."""
+    """The level-set function of all that is not in a set, from the set's: its negative.
+
+    Examples
+    --------
+    All but the inside of 0.5 m around the origin:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> outside = sdhj.complement(lambda q, t: abs(q[:, 0]) - 0.5)
+    >>> outside(np.array([[0.0], [2.0]]), 0.0)
+    array([ 0.5, -1.5])
+    """
     _check_sets("complement", (function,))
     return lambda points, t: -function(points, t)
 

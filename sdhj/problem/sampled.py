@@ -103,6 +103,14 @@ class Sampled(Statement):
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
         Without a target, L(t_k) is the grid up to its unsafe ends.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> goal = problem.goal(0)
+        >>> goal.shape, problem.grid.nodes(0)[goal <= 0][[0, -1]]
+        ((81,), array([-1.,  1.]))
         """
         t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
         values = self.target_at(t)
@@ -130,11 +138,37 @@ class Sampled(Statement):
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of the target at states (M, ndim), without interpolation: (M,)."""
+        """Level-set function of the target at states (M, ndim), without interpolation: (M,).
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.target_value([[0.25], [2.0]], 0.0)
+        array([-0.75,  1.  ])
+        """
         return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
     def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision."""
+        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.unsafe_value([[2.5], [3.5]], 0.0)
+        array([ 0.5, -0.5])
+        """
         points = points_array("points", points, self.grid.ndim)
         return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
 

@@ -127,6 +127,18 @@ class UnsafeSet:
             If 110 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError
             If a package that is needed, of the extra `maps`, is not installed.
+
+        Examples
+        --------
+        A wall at the left of a room, in pixels of 0.5 m:
+
+        >>> import numpy as np
+        >>> import sdhj
+        >>> occupied = np.zeros((9, 9), dtype=bool)
+        >>> occupied[:, 0] = True
+        >>> wall = sdhj.UnsafeSet.from_map(occupied, resolution=0.5, radius=0.1)
+        >>> wall.level_set(np.array([[0.25, 2.25], [2.25, 2.25]]), 0.0) <= 0
+        array([ True, False])
         """
         return cls(_plane(axes, name), map_level_set(source, resolution, origin, radius, name), name=name)
 
@@ -137,6 +149,16 @@ class UnsafeSet:
         """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m.
 
         ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
+
+        Examples
+        --------
+        A square of 1 m, seen by a robot with a radius of 0.2 m:
+
+        >>> import numpy as np
+        >>> import sdhj
+        >>> table_top = sdhj.UnsafeSet.polygon([[0, 0], [1, 0], [1, 1], [0, 1]], radius=0.2)
+        >>> table_top.level_set(np.array([[1.1, 0.5], [1.5, 0.5]]), 0.0) <= 0
+        array([ True, False])
         """
         return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
 
@@ -208,6 +230,14 @@ class TargetSet:
         (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
 
         ValueError if `table` is not a table, or does not have `within` steps.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, first into its tube, then on to its target:
+
+        >>> first = sdhj.TargetSet.from_table(table, within=3)
+        >>> first.level_set(np.array([[-2.0], [0.0]]), 0.0) <= 0
+        array([ True,  True])
         """
         level_set = table_level_set(table, within)
         return cls(tuple(range(table.grid.ndim)), level_set, f"the tube of {table.problem.name}")

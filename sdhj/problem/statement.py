@@ -54,7 +54,15 @@ class Statement:
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`."""
+        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.time(2)
+        1.0
+        """
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:

@@ -49,6 +49,15 @@ class Moment:
         Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
     rng : numpy.random.Generator
         The only source of random numbers, so that runs with the same seed are identical.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, a wind to the left:
+
+    >>> def west(moment: sdhj.Moment):
+    ...     return np.tile([-1.0], (len(moment.states), 1)) * moment.bounds
+    >>> sdhj.monte_carlo(controller, runs=100, adversary=west, progress=False).counts["reached"]
+    100
     """
 
     problem: ReachAvoidProblem
