@@ -130,7 +130,8 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
 def write(figure: Figure, path: Named) -> None:
     """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
-    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.
+    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error. OSError if the folder
+    cannot be written to.
 
     Examples
     --------

@@ -324,7 +324,7 @@ class Controller:
         --------
         With the robot on a line of `help(sdhj)`, without a `Sensing` the state is the measurement:
 
-        >>> controller.predict([-2.1], 0)
+        >>> controller.predict([-2.1], step=0)
         array([-2.1])
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
@@ -346,11 +346,16 @@ class Controller:
         -------
         bool, or (M,) bool for many measurements
 
+        Raises
+        ------
+        ValueError
+            If an argument does not fit.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
 
-        >>> controller.admissible([[-2.1], [3.9]], 0)
+        >>> controller.admissible([[-2.1], [3.9]], step=0)
         array([ True, False])
         """
         states = np.atleast_2d(self.predict(measurement, previous, step))
@@ -551,6 +556,11 @@ class Controller:
 
         It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`. `before` (M,)
         are the inputs held until now, -1 where none is known, as by default: `Candidates.before`.
+
+        Raises
+        ------
+        ValueError
+            If a rule of your own returns something else than a number for each candidate.
 
         Examples
         --------
