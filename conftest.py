@@ -20,7 +20,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 @cache
 def robot_on_a_line() -> dict[str, Any]:
-    """What the example in `help(sdhj)` defines: the other examples in docstrings use its problem, table and controller."""
+    """What the example in `help(sdhj)` defines; other examples use its problem, table and controller."""
     text = (Path(__file__).parent / "sdhj" / "__init__.py").read_text("utf-8").split('"""')[1]
     names: dict[str, Any] = {}
     exec("import numpy as np\n" + "\n".join(re.findall(r"^(?:>>>|\.\.\.) (.*)$", text, re.MULTILINE)), names)

@@ -1,7 +1,7 @@
 """Many runs of several tables against several adversaries, one row for each pair.
 
-`python figures/studies/campaign.py TABLE...` plays tables from files, or those of the paper's arm by methods, such as hji,
-which are solved first; runs go in batches, so that tens of millions need no more
+`python figures/studies/campaign.py TABLE...` plays tables from files, or, for the name of a method such as hji, the one
+of the paper's arm; runs go in batches, so that tens of millions need no more
 memory than one batch.
 """
 

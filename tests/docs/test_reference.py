@@ -15,9 +15,30 @@ from sdhj import plotting
 
 SITE = ROOT / "notebooks" / "site"
 PAGES = [SITE / "api.md", *sorted((SITE / "api").glob("*.md"))]
-NOT_FOR_USERS = {"rooms", "places", "mask_array", "mark_array", "value_array", "passes", "window", "most_tubes", "finish"}
+NOT_FOR_USERS = {
+    "rooms",
+    "places",
+    "mask_array",
+    "mark_array",
+    "value_array",
+    "passes",
+    "window",
+    "most_tubes",
+    "finish",
+}
 # That check nothing, or whose arguments cannot be wrong but by their type.
-WITHOUT_ERRORS = {"time", "goal", "union", "intersection", "complement", "step_colours", "patch", "new_figure", "style", "frame_slice"}
+WITHOUT_ERRORS = {
+    "time",
+    "goal",
+    "union",
+    "intersection",
+    "complement",
+    "step_colours",
+    "patch",
+    "new_figure",
+    "style",
+    "frame_slice",
+}
 
 
 def listed() -> Iterator[tuple[str, str]]:
@@ -49,7 +70,9 @@ def test_all_that_users_name_is_in_it_and_nothing_else() -> None:
     for kind, name in LISTED:
         if kind == "class" and not name.endswith(".Failure"):
             page = (SITE / "api" / f"{name.split('.')[-1]}.md").read_text("utf-8")
-            assert f".. autoclass:: {name}\n" in page and f"(api/{name.split('.')[-1]}.md)" in PAGES[0].read_text("utf-8")
+            assert f".. autoclass:: {name}\n" in page and f"(api/{name.split('.')[-1]}.md)" in PAGES[0].read_text(
+                "utf-8"
+            )
 
 
 def with_arguments() -> list[tuple[str, Any]]:
