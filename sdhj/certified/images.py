@@ -127,6 +127,10 @@ class Proof:
         """The number of the place of each cell (M, ndim), (M,): cells at one place move alike."""
         return np.zeros(len(some), np.int64)
 
+    def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
+        """Which of the cells (M, ndim) of the box `image` are in the image of a cell under u_j, (M,) bool: all."""
+        return np.ones(len(cells), np.bool_)
+
     @property
     def rows(self) -> int:
         """Leading axes that number the blocks of the packed sets: all but the last."""
@@ -272,9 +276,9 @@ class Images(Proof):
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
         """Which of the cells (M, ndim) of the box `image` are in the image: (M,) bool."""
-        moves, place, every = self.moves(step), int(cell @ self.strides), np.ones(len(cells), np.bool_)
+        moves, place = self.moves(step), int(cell @ self.strides)
         if not has_lines(cell, moves, self.cells, len(cell)):
-            return every
+            return super().in_image(cells, cell, j, step)
         low, high, number = moves.low[j, place].astype(np.int64), moves.high[j, place].astype(np.int64), 0 * cells[:, 0]
         for axis in np.flatnonzero(moves.oblique[:-1]).tolist():
             number = number * (high[axis] - low[axis] + 1) + cells[:, axis] - cell[axis] - low[axis]

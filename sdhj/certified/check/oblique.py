@@ -78,6 +78,8 @@ class Lines:
         self.bounded, self.scale = self.oblique & ~robot.periodic, robot.scale
         self.leading = np.flatnonzero(self.oblique[:-1])
         numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
+        laps = ~robot.periodic[self.leading] | (numbers <= robot.counts[self.leading])
+        expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())  # check 7.53
         rows = int(numbers.prod(axis=-1).max())
         self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
 
