@@ -23,6 +23,7 @@ TABLES = [
     "test_certified_mutations.py",
     "test_verify_mutations.py",
     "test_forged_robots.py",
+    "test_oblique.py",
 ]
 
 

@@ -108,7 +108,7 @@ def along(
     v_most = ends[1]
     cuts = zip(ends.T, dynamics.cuts(np.flatnonzero(normals.any(axis=0)).tolist()), strict=True)
     nodes = [np.linspace(*end, cut + 1).tolist() for end, cut in cuts]
-    cut = list(product(*(list(zip(one[:-1], one[1:], strict=True)) for one in nodes)))  # obligation 2.43
+    cut = list(product(*(list(zip(one[:-1], one[1:], strict=True)) for one in nodes)))
     return within_grid(grid, range(grid.ndim), low, high, bounded)
 
 
@@ -135,7 +135,7 @@ def leaned(
     """
     out = np.zeros((2, boxes.shape[1], len(normals)))
     for part in range(tubes.shape[1]):
-        low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)  # obligation 2.44
+        low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)
         length = np.nextafter(cuts[part + 1] - cuts[part], np.inf)
         moved = length * along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45
         out += moved + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(moved) + np.abs(out))
@@ -190,7 +190,7 @@ class Drawing:
             self.normals = normals[:0]
             return
         begin, length = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
-        cuts = [begin + length * part / proof.parts for part in range(proof.parts + 1)]  # obligation 2.47
+        cuts = [begin + length * part / proof.parts for part in range(proof.parts + 1)]
         far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, cuts)
         self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
         self.room = np.maximum(self.room, room_of(proof.axes, normals, tubes, (low, high)))

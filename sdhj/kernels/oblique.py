@@ -36,8 +36,8 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
                     if axis < last and along_one(normals, axis):
                         count = high[m, axis] - low[m, axis] + 1
                         at, rest = low[m, axis] + rest % count, rest // count
-                        near = at * width[axis] - (stick[axis] if at == low[m, axis] else 0.0)  # obligation 2.35
-                        far = (at + 1) * width[axis] + (stick[axis] if at == high[m, axis] else 0.0)  # obligation 2.36
+                        near = at * width[axis] - (stick[axis] if at == low[m, axis] else 0.0)
+                        far = (at + 1) * width[axis] + (stick[axis] if at == high[m, axis] else 0.0)
                         room -= min(slope * near, slope * far)  # obligation 2.37
                         size += abs(slope) * max(abs(near), abs(far))
                 room += ROUNDING * size
@@ -47,9 +47,9 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
                 elif slope < 0.0:
                     begin = max(begin, room / slope)  # obligation 2.39
                 else:
-                    empty |= room < 0.0  # obligation 2.40
+                    empty |= room < 0.0
             out[m, row, 0], out[m, row, 1] = 0, -1
-            if begin <= end and not empty:  # obligation 2.41
+            if begin <= end and not empty:
                 first = math.floor((begin + stick[last] / 2) / width[last])
                 past = math.ceil((end - stick[last] / 2) / width[last]) - 1
                 out[m, row, 0] = min(max(first, low[m, last]), high[m, last])

@@ -29,8 +29,8 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
         for axis in np.flatnonzero(normal):
             ends = normal[axis] * np.stack([low[:, axis], high[:, axis]])
             more = ROUNDED * np.abs(ends).max(axis=0)
-            out[0, :, k] += ends.min(axis=0) - more  # check 3.50
-            out[1, :, k] += ends.max(axis=0) + more  # check 3.51
+            out[0, :, k] += ends.min(axis=0) - more
+            out[1, :, k] += ends.max(axis=0) + more
     return out[0], out[1]
 
 
@@ -54,7 +54,7 @@ def fastest(
         shares = [(2 * i / each - 1, 2 * (i + 1) / each - 1) for i in at]
         pieces = [(a * one, b * one) for (a, b), one in zip(shares, half.T, strict=True)]
         a, b = spread(normals, *velocity.own["velocity"][j].bounds(low, high, times, *pieces))
-        least, most = np.minimum(least, a), np.maximum(most, b)  # check 3.53
+        least, most = np.minimum(least, a), np.maximum(most, b)
     return least, most
 
 
@@ -70,7 +70,7 @@ class Lines:
         self.oblique = self.normals.any(axis=0)
         # check 7.51
         expect(not (self.oblique & robot.known).any(), "normals must be along axes that cells move alike on", given)
-        expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)  # check 7.52
+        expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)
         fits = isinstance(room, list) and len(room) == 2 and all(len(one) == ndim for one in room)
         fits = fits and all(is_whole(one, 0, MOST_COUNTED**3) for side in room for one in side)
         expect(fits, "room must be whole numbers for both ends of each axis", room)
@@ -79,13 +79,13 @@ class Lines:
         self.leading = np.flatnonzero(self.oblique[:-1])
         numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
         laps = ~robot.periodic[self.leading] | (numbers <= robot.counts[self.leading])
-        expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())  # check 7.53
+        expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())
         rows = int(numbers.prod(axis=-1).max())
         self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
 
     def far_from_ends(self, cells: Array, counts: Array) -> Array:
         """Which cells (M, ndim) have lines: (M,)."""
-        return np.all((cells >= self.room[0]) & (cells < counts - self.room[1]), axis=1)  # check 3.54
+        return np.all((cells >= self.room[0]) & (cells < counts - self.room[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
         """Each row of boxes of cells (M, ndim): its number, where it is on all axes, and which boxes have it."""
@@ -100,9 +100,9 @@ class Lines:
     def reached(self, robot: Any, boxes: Array, j: int, swept: Array, start: float, cuts: int) -> tuple[Array, Array]:
         """How far the states of boxes (2, M, ndim) with tubes `swept` get along the normals: both (M, K)."""
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
-        times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]  # check 3.55
+        times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
         for part, when in enumerate(pairwise(times)):
-            box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.56
+            box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)
 
             def bounds(low: Array, high: Array, when: Times = when) -> tuple[Array, Array]:
                 """Those of n . f in one part."""
@@ -125,8 +125,8 @@ class Lines:
         first, past = low[:, -1] * width[-1] - sticks[-1], (high[:, -1] + 1) * width[-1] + sticks[-1]
         for row, at, there in self.rows(low, high):
             begin, end, empty = first.copy(), past.copy(), np.zeros(len(places), np.bool_)
-            a = (at * width - np.where(at == low, sticks, 0.0))[:, self.leading]  # check 3.59
-            b = ((at + 1) * width + np.where(at == high, sticks, 0.0))[:, self.leading]  # check 3.60
+            a = (at * width - np.where(at == low, sticks, 0.0))[:, self.leading]
+            b = ((at + 1) * width + np.where(at == high, sticks, 0.0))[:, self.leading]
             for k, way in product(range(len(n)), (-1.0, 1.0)):
                 slope = way * n[k]
                 own = most[:, k] if way > 0 else -least[:, k]
@@ -145,7 +145,6 @@ class Lines:
             good = (lines[:, 0] * width[-1] <= begin + sticks[-1]) | (lines[:, 0] <= low[:, -1])
             # check 3.64
             good &= (end <= (lines[:, 1] + 1) * width[-1] + sticks[-1]) | (lines[:, 1] >= high[:, -1])
-            good &= lines[:, 0] <= lines[:, 1]  # check 3.65
             fits &= good | empty | (end < begin) | ~there
         return fits
 
@@ -158,5 +157,5 @@ class Lines:
             left = np.flatnonzero(out & there & (lines[:, 0] <= lines[:, 1]))
             one, other = at[left], np.where(self.oblique, at[left], high[left])
             one[:, -1], other[:, -1] = lines[left].T
-            out[left] = robot.box_inside(cells[left] + one, cells[left] + other, sums)  # check 3.66
+            out[left] = robot.box_inside(cells[left] + one, cells[left] + other, sums)
         return out

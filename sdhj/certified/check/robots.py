@@ -473,7 +473,7 @@ class Robot(Sets):
         gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
         inside = self.box_inside(first, last, sums)
         if self.lines is not None:  # a part of the box will do
-            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))  # check 3.67
+            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
             inside[some] = self.lines.inside(self, cells[left[some]], start, j, sums)
         out[left] = gone | inside
         return out
