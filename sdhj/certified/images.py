@@ -256,7 +256,7 @@ class Images(Proof):
         """Those of the interval from a step."""
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
-        oblique = read_only(lines.normals.any(axis=0))
+        oblique: Any = read_only(lines.normals.any(axis=0))
         return Moves(self.low[start], self.high[start], self.strides, self.past, read_only(each), oblique, lines.room)
 
     @cached_property

@@ -1,7 +1,7 @@
 """Images that are no boxes: where a component of the disturbance moves several axes, lines of cells between planes.
 
-On axes that no velocity depends on all states of a place move alike: by an integral of velocities that u_j and V allow
-there. Along any normal n it is at most the integral of the greatest n . f, whatever v does in the interval, since a mean
+On axes that no velocity depends on, states of a place move alike: by an integral of velocities that u_j and V allow
+there. Along any normal n it is at most the integral of the greatest n . f, whatever v does in the interval: a mean
 of velocities lies in their hull. So the image of a cell lies between two planes for each normal, as well as in its box:
 
     dq/dt = drift + gain v:   n . f in n . drift + [-1, 1] sum_d |n . gain_d| bounds_d, which is narrow where n is
@@ -14,7 +14,7 @@ With `Sensing`, with black boxes, and where moves would take too much memory, al
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 from typing import Any, NamedTuple
 
 import h5py
@@ -107,8 +107,8 @@ def along(
     ends = dynamics.disturbance(j, low, high, times)
     v_most = ends[1]
     cuts = zip(ends.T, dynamics.cuts(np.flatnonzero(normals.any(axis=0)).tolist()), strict=True)
-    nodes = [np.linspace(*end, cut + 1).tolist() for end, cut in cuts]
-    cut = list(product(*(list(zip(one[:-1], one[1:], strict=True)) for one in nodes)))
+    nodes = [np.linspace(end[0], end[1], cut + 1).tolist() for end, cut in cuts]
+    cut = list(product(*(list(pairwise(one)) for one in nodes)))
     return within_grid(grid, range(grid.ndim), low, high, bounded)
 
 
@@ -144,9 +144,9 @@ def leaned(
 
 def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
     """The most rows that boxes of cells (M, ndim) have on the axes that a normal has a part along, but the last."""
-    oblique = normals.any(axis=0)[:-1]
+    oblique: Any = normals.any(axis=0)
     numbers = high.astype(np.int64)[:, :-1] - low[:, :-1] + 1
-    return int(np.where(oblique, numbers, 1).prod(axis=1).max())
+    return int(np.where(oblique[:-1], numbers, 1).prod(axis=1).max())
 
 
 def drawn(
@@ -175,7 +175,8 @@ class Drawing:
     """The lines of a proof's images, put together place by place."""
 
     def __init__(self, proof: Any) -> None:
-        self.proof, self.found, self.room = proof, dict[tuple[int, int, int], FloatArray](), 0
+        self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
+        self.room: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
 
     def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""The lines of oblique images: of each row of cells the first and the last along the last axis (`certified.oblique`)."""
+"""The lines of oblique images: of each row of cells the first and the last along the last axis."""
 
 import math
 
@@ -17,7 +17,7 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
     line without cells ends before it begins. Rows are of the axes that a normal has a part along, but the last; those
     beyond a box are left as they are.
     """
-    last, (many, ndim) = width.size - 1, normals.shape
+    last, many = width.size - 1, normals.shape[0]
     for m in range(low.shape[0]):
         rows = 1
         for axis in range(last):

@@ -67,7 +67,7 @@ class Lines:
         fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
         expect(fits, f"normals must be 1 to {MOST_NORMALS}", given)
         self.normals = np.array([reals("normals", one, ndim) for one in given])
-        self.oblique = self.normals.any(axis=0)
+        self.oblique: Any = self.normals.any(axis=0)
         # check 7.51
         expect(not (self.oblique & robot.known).any(), "normals must be along axes that cells move alike on", given)
         expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)
