@@ -5,7 +5,7 @@ from dataclasses import replace
 import mutations
 import numpy as np
 import pytest
-from test_oblique import ROBOTS, gust
+from oblique_robots import ROBOTS, gust
 
 import sdhj
 import sdhj.certified.sets

@@ -76,7 +76,7 @@ class Lines:
         expect(fits, "room must be whole numbers for both ends of each axis", room)
         self.room, self.width = np.array(room), np.array([float(width) for _, width, *_ in robot.axes])
         self.bounded, self.scale = self.oblique & ~robot.periodic, robot.scale
-        self.leading = np.flatnonzero(self.oblique[:-1])
+        self.leading = np.flatnonzero(np.array(self.oblique)[:-1])
         numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
         laps = ~robot.periodic[self.leading] | (numbers <= robot.counts[self.leading])
         expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())

@@ -119,7 +119,7 @@ MUTATIONS = {
     "the face in which the last can be": ("3.24 drop 13", "less growth"),
     "the face on its side": ("3.24 number 12 1", "growth from the lower end"),
     "the worst in a face": ("3.25 zero 10", "less growth"),
-    "states near a cell": ("3.26 drop 11", "states near a cell"),
+    "states near a cell": ("3.26 drop 13", "states near a cell"),
     "what an image may stick out": ("3.27 number 2 2e-10", "states near a cell"),
     "the lower end of an image": ("3.28 true 3", "a shorter move"),
     "the upper end of an image": ("3.28 true 15", "a move that ends too early"),
