@@ -170,7 +170,7 @@ MUTATIONS = {
     "predictions in a goal": ("5.16 drop 15", "a goal beside an error"),
     "sets that grow": ("2.2 false 12", "a set that loses a cell"),
     "sets that shrink": ("2.2 false 8", "a set that wins a cell"),
-    "every cell of an image": ("3.44 put 6 {7} > 0", "a cell more"),
+    "every cell of an image": ("3.44 put 1 {2} > 0", "a cell more"),
     "inputs that are clear": ("3.45 put 2 {14}.ones(len({8}), {14}.bool_)", "a cell of which no input is clear"),
     "the next set": ("3.46 drop 12", "a step into sets of another time"),
     "what stays is new each time": ("3.47 drop 5", "a cell that is not safe as long"),
