@@ -122,8 +122,10 @@ PROVER = tuple(
     for name in (
         "kernels/pieces",
         "kernels/stencils",
+        "kernels/oblique",
         "certified/cells",
         "certified/bounds",
+        "certified/oblique",
         "certified/images",
         "certified/general_proof",
     )

@@ -127,6 +127,8 @@ class _Cell:
     def uncovered(self, j: int) -> Failure:
         """Of the cell's image, as the proof has it, the cells that are not certified."""
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
+        held = self.table.proof.in_image(cells, self.cell, j, self.step)
+        cells, missing = cells[held], missing[held]
         counts, lost = self.table.cells.counts, cells[missing]
         if not len(lost):
             return Failure(j, "", 0.0, "all cells that it may lead to are certified")

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.certified.oblique import Drawing, lines_in_file, most_bytes
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -101,6 +102,7 @@ def peak(
         for part in known_sets(problem)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
+    needed += most_bytes(problem, axes, place_axes(problem, axes))
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
@@ -129,7 +131,7 @@ class GeneralProof(Images):
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
-        arrays = [*vars(self).values(), *self.layout]
+        arrays = [*vars(self).values(), *self.layout, *self.lines]
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
@@ -162,13 +164,16 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file: parts of an interval, axes of a place, and E."""
-        return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and room."""
+        told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        lines = self.lines
+        return told | ({"normals": lines.normals.tolist(), "room": lines.room.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
-        for name in ("low", "high", "clear"):
-            file.create_dataset(name, data=getattr(self, name), compression="gzip", shuffle=True)
+        arrays = {name: getattr(self, name) for name in ("low", "high", "clear")}
+        for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
+            file.create_dataset(name, data=data, compression="gzip", shuffle=True)
 
     @classmethod
     def load(
@@ -180,7 +185,10 @@ class GeneralProof(Images):
         strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
+        proof = cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
+        if "normals" in stated:
+            proof.__dict__["lines"] = lines_in_file(stated, file, proof)
+        return proof
 
     # ---- the recursion; sets are (rows, W) uint64
 
@@ -204,7 +212,15 @@ class GeneralProof(Images):
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        self.fill(min(max(finest, 1), FINEST), progress, partial(self._mark_collisions, self._lattices(progress)))
+        mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
+
+        def use(start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
+            """Of places and their tubes what the recursion asks for."""
+            mark(start, j, some, tubes)
+            drawing.add(start, j, some, tubes)
+
+        self.fill(min(max(finest, 1), FINEST), progress, use)
+        self.__dict__["lines"] = drawing.lines
         read_only((self.low, self.high, self.clear))
 
     def _mark_collisions(

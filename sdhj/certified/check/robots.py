@@ -31,6 +31,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
+from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
     MOST_STEPS,
@@ -148,6 +149,8 @@ class Robot(Sets):
         )
         moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim  # check 7.12
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
+        self.sticks = STICKS_OUT
+        self.lines = Lines(self, stated, arrays) if "normals" in stated else None
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.time_invariant = len(self.index) != pairs
@@ -255,14 +258,17 @@ class Robot(Sets):
         own = zip(self.strides.tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
 
+    def boxes(self, places: Array) -> Array:
+        """The boxes of states that count as at places (M,), whole along the other axes: (2, M, ndim)."""
+        whole = np.array([self.grid.lower, self.grid.upper])[:, None]
+        return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
+
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
-        grid, cells = self.grid, self.cells_at(places)
-        # check 3.26
-        at = np.where(self.known, self.ends(cells, self.near), np.array([grid.lower, grid.upper])[:, None])
+        grid, at = self.grid, self.boxes(places)
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
+        swept, marks = np.empty((len(places), self.parts, 2, grid.ndim)), np.arange(self.parts * finer + 1)
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
@@ -270,7 +276,7 @@ class Robot(Sets):
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
-        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)  # check 3.9
+        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * self.off)  # check 3.9
         least, most = moved  # of all that may be its end
         for part in range(self.parts):
             a, b = moved
@@ -467,15 +473,24 @@ class Robot(Sets):
         first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
         # check 3.49
         gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
+        inside = self.box_inside(first, last, sums)
+        if self.lines is not None:  # a part of the box will do
+            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
+            inside[some] = self.lines.inside(self, cells[left[some]], start, j, sums)
+        out[left] = gone | inside
+        return out
+
+    def box_inside(self, first: Array, last: Array, sums: Array) -> Array:
+        """Whether all cells from first to last (M, ndim), clipped at ends that are none, are in a set: (M,)."""
+        most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
         first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
         last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
-        total = np.zeros(len(left), np.int64)
-        for corner in product((0, 1), repeat=cells.shape[1]):
+        total = np.zeros(len(first), np.int64)
+        for corner in product((0, 1), repeat=len(most)):
             at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
             total += sums[at] * (-1) ** corner.count(0)
-        out[left] = gone | (total == np.prod(last - first + 1, axis=1))  # check 3.44
-        return out
+        return total == np.prod(last - first + 1, axis=1)  # check 3.44
 
     # ---- claims
 
@@ -539,6 +554,10 @@ class Robot(Sets):
                     own = slice(begin, begin + BOXES_AT_ONCE)
                     swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)  # check 3.20
                     held[own] = self.moves_hold(looked_at[own], start, j, last)  # check 3.30
+                    if self.lines is not None:
+                        box = self.boxes(looked_at[own])
+                        # check 3.68
+                        held[own] &= self.lines.hold(self, box, looked_at[own], start, j, swept[own], 4 * finer)
                 moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
                     if finer == FINER[0] and not self.known.all():
