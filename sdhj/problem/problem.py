@@ -100,6 +100,11 @@ class ReachAvoidProblem(Sampled):
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
                 where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
                 raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
+        for part in self.unsafe:
+            if part.inputs is not None and part.inputs[-1] >= len(self.inputs):
+                raise ValueError(
+                    f"inputs of {part.name!r} must be numbers from 0 to {len(self.inputs) - 1}, got {part.inputs}"
+                )
         if self.steps is None and not self.time_invariant:
             raise ValueError(
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "

@@ -22,20 +22,24 @@ def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Apply the inputs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v."""
+    problem, inputs = begun.problem, begun.inputs
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
+    lowest = np.full(len(states), np.inf)
+    if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
+        lowest = problem.unsafe_value(problem.grid.clipped(states, "safe"), begun.time, inputs)
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration)
-        met = begun.problem.grid.clipped(states, "safe")  # nothing beyond a safe end is unsafe
-        clearance = begun.problem.unsafe_value(met, now + begun.duration)
+        met = problem.grid.clipped(states, "safe")  # nothing beyond a safe end is unsafe
+        clearance, lowest = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest), np.inf
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "unsafe")] = OFF
-        if begun.problem.has_no_target:
-            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
+        ended[(ended == UNDECIDED) & problem.grid.beyond(states, "unsafe")] = OFF
+        if problem.has_no_target:
+            ended[(ended == UNDECIDED) & problem.grid.beyond(states, "safe")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():
