@@ -141,9 +141,7 @@ class Sampled(Statement):
         points = points_array("points", points, self.grid.ndim)
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
-    def unsafe_along(
-        self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None
-    ) -> FloatArray:
+    def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
         """As `unsafe_value` at points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
