@@ -18,6 +18,7 @@ from sdhj.simulation.adversaries import SUBSTEPS, Adversary, Moment
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
 REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 UNDECIDED = -1
+LOOKED_AHEAD = 4  # substeps
 HALVINGS = 6  # of a substep, at most: 1,280 instants of an interval
 
 
@@ -35,7 +36,9 @@ def play_interval(
     lowest = np.full(len(states), np.inf)
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
         lowest = problem.unsafe_value(problem.grid.clipped(states, "safe"), begun.time, inputs)
-    parts, place = [(part, _near(begun, part, len(substeps))) for part in problem.unsafe], problem.grid
+    place = problem.grid
+    ahead = [_near(begun, part, states, begun.time, len(substeps)) for part in problem.unsafe]
+    near = ahead
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
@@ -44,8 +47,13 @@ def play_interval(
         before, states = place.clipped(states, "safe"), begun.interval.advance(states, inputs, v, now, begun.duration)
         met = place.clipped(states, "safe")  # nothing beyond a safe end is unsafe
         clearance, lowest = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest), np.inf
-        for part, near in parts:
-            some = np.flatnonzero(near & (clearance > 0) & (ended == UNDECIDED))
+        if (substep - substeps.start) % LOOKED_AHEAD == 0:
+            near = [
+                one & _near(begun, part, before, now, LOOKED_AHEAD, one)
+                for part, one in zip(problem.unsafe, ahead, strict=True)
+            ]
+        for part, one in zip(problem.unsafe, near, strict=True):
+            some = np.flatnonzero(one & (clearance > 0) & (ended == UNDECIDED))
             if some.size:
                 way = before[some], met[some] - before[some], now, begun.duration
                 clearance[some] = np.minimum(clearance[some], _least_between(problem, part, *way))
@@ -60,12 +68,16 @@ def play_interval(
     return states, ended, v
 
 
-def _near(begun: Moment, part: UnsafeSet, substeps: int) -> FloatArray:
-    """Which runs a set may come to in so many substeps, by bounds on what it is around each state: (M,)."""
-    far = begun.duration * substeps * begun.interval.speeds
-    start = begun.problem.grid.clipped(begun.states, "safe") - far
-    times = begun.time, begun.time + begun.duration * substeps
-    return part.counts(begun.inputs) & _may_meet(begun.problem, part, start, np.broadcast_to(2 * far, start.shape), times)
+def _near(
+    begun: Moment, part: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
+) -> FloatArray:
+    """Which runs, of those asked (M,), a set may come to in so many substeps, by bounds around each state: (M,)."""
+    found = part.counts(begun.inputs) if asked is None else asked.copy()
+    far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
+    start = begun.problem.grid.clipped(states[some], "safe") - far
+    times = t, t + begun.duration * substeps
+    found[some] = _may_meet(begun.problem, part, start, np.broadcast_to(2 * far, start.shape), times)
+    return found
 
 
 def _may_meet(
