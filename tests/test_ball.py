@@ -11,7 +11,10 @@ from sdhj.problem.ball import MOST_SIDES
 SPEEDS = 0.5 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
-def room(gain=np.eye(2), bounds=None, **given):
+PLANE = np.eye(2)
+
+
+def room(gain=PLANE, bounds=None, **given):
     dynamics = given.pop("dynamics", None) or sdhj.Dynamics(SPEEDS, SPEEDS, gain, bounds)
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]),

@@ -1,4 +1,4 @@
-"""Unsafe sets that are unsafe under some inputs only: no thrust near a station, a charger that is off for some hours."""
+"""Unsafe sets that are unsafe under some inputs only: no thrust near a station, a charger that is off for hours."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def line(inputs=FAST, *, box=False, push=0.1, **given):
 
 
 def by_hand(inputs=FAST, push=0.1, steps=10, delta=0.5):
-    """For states 2.5 mm apart the fewest steps, 99 where there are none, and the safe inputs of so many: plain loops."""
+    """For states 2.5 mm apart the fewest steps, 99 where there are none, and the safe inputs: plain loops."""
     h, states = 0.0025, [round(-1.0 + 0.0025 * i, 6) for i in range(1601)]
     fewest = [0 if x >= 2.0 else 99 for x in states]
     ways = [set() for _ in states]

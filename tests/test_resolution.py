@@ -420,4 +420,4 @@ def test_a_function_that_is_flat_just_below_zero_is_told(flat, deep, sampling, t
         check_resolution(beside_a_square(flat, deep, sampling))
     said = [str(one.message) for one in caught]
     assert len(said) == told
-    assert not told or re.search("'square' is flat inside.*negative inside.*\"steep\".*\"cell\"", said[0])
+    assert not told or re.search('\'square\' is flat inside.*negative inside.*"steep".*"cell"', said[0])

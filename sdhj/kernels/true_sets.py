@@ -158,8 +158,8 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 def heed_inputs(waiting, rows, count, under, best, samples):
     """Of sets that are unsafe under some inputs, undo what `samples` say of others, and of the state itself.
 
-    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. What such a set says
-    of the state is said of the first point of the path in its place: the input fails, and the state is not lost.
+    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. What such a set
+    says of the state is said of the first point of the path in its place: the input fails, the state is not lost.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]

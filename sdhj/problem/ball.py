@@ -18,12 +18,13 @@ MOST_SIDES = 32
 class Ball:
     """Bounds of a disturbance v of two components: |v| <= radius, in `sdhj.Dynamics(..., bounds=sdhj.Ball(0.1))`.
 
-    What is played is the regular polygon around the ball, which is farther out by 1 / cos(pi / sides) - 1 at its corners:
-    8 % with 8 sides, 2 % with 16, where the square of bounds=[radius, radius] is by 41 %. It is the sum of a segment
-    along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
-    drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose these,
-    and `Dynamics.gain` and `bounds` are theirs. Methods "hji" and "lax", margins and the filter play the polygon;
-    projections on fewer axes, and whatever plays boxes, the box around it, which is that of the ball where K is even.
+    What is played is the regular polygon around the ball, which is farther out by 1 / cos(pi / sides) - 1 at its
+    corners: 8 % with 8 sides, 2 % with 16, where the square of bounds=[radius, radius] is by 41 %. It is the sum of a
+    segment along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
+    drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose
+    these, and `Dynamics.gain` and `bounds` are theirs. Methods "hji" and "lax", margins and the filter play the
+    polygon; projections on fewer axes, and whatever plays boxes, the box around it, which is that of the ball where K
+    is even. Where a certified table plays boxes, bounds=[radius, radius] proves more: cells are aligned with it.
 
     Parameters
     ----------

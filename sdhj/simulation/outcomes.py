@@ -33,10 +33,9 @@ def play_interval(
     problem, inputs = begun.problem, begun.inputs
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
-    lowest = np.full(len(states), np.inf)
+    lowest, place = np.full(len(states), np.inf), problem.grid
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
         lowest = problem.unsafe_value(problem.grid.clipped(states, "safe"), begun.time, inputs)
-    place = problem.grid
     ahead = [_near(begun, part, states, begun.time, len(substeps)) for part in problem.unsafe]
     near = ahead
     for substep in substeps:
@@ -46,7 +45,8 @@ def play_interval(
         v = _checked(play(moment), moment.bounds)
         before, states = place.clipped(states, "safe"), begun.interval.advance(states, inputs, v, now, begun.duration)
         met = place.clipped(states, "safe")  # nothing beyond a safe end is unsafe
-        clearance, lowest = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest), np.inf
+        clearance, lowest = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
+        lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
             near = [
                 one & _near(begun, part, before, now, LOOKED_AHEAD, one)

@@ -257,7 +257,7 @@ FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a ca
 
 
 def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """A level-set function that falls less than `FLAT` cells below zero and is flat from there on: how deep, in cells."""
+    """A level-set function that falls less than `FLAT` cells below zero and is flat from there on: how deep it is."""
     if problem.dynamics.stateless or unsafe_set.sampling != "nodes":
         return None
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
