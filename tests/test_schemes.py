@@ -427,7 +427,7 @@ def test_a_half_turn_changes_no_bit_of_a_table(order):
 
     def values(sign, **scheme):
         problem = sdhj.ReachAvoidProblem(
-            sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [41, 41]),
+            sdhj.Grid([-2.5, -2.5], [2.5, 2.5], [41, 41]),  # nodes that are mirror images to the last bit
             sdhj.Dynamics(sign * ways, sign * ways, np.eye(2), [0.1, 0.1]),
             sdhj.TargetSet((0, 1), lambda p, t: np.hypot(sign * p[:, 0] - 0.7, sign * p[:, 1] - 0.4) - 0.4),
             [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(sign * p + [0.2, -0.1]).max(axis=1) - 0.35)],

@@ -45,7 +45,7 @@ def play_interval(
         v = _checked(play(moment), moment.bounds)
         before, states = place.clipped(states, "safe"), begun.interval.advance(states, inputs, v, now, begun.duration)
         met = place.clipped(states, "safe")  # nothing beyond a safe end is unsafe
-        clearance, lowest = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
+        clearance = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
         lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
             near = [
