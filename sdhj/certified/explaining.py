@@ -184,8 +184,9 @@ class _Cell:
         if short[-1] >= 0:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
         elif nearest.by == "image":
-            rates = losses(self.problem, speeds_of(self.problem)).T
-            lost = [lost_to(self.problem, k, own, [self.table.axes[k]])[0] for k, own in enumerate(rates)]
+            speeds = speeds_of(self.problem)
+            rates = losses(self.problem, speeds).T
+            lost = [lost_to(self.problem, k, own, [self.table.axes[k]], speeds)[0] for k, own in enumerate(rates)]
             further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (
                 not self.problem.has_no_target
             )

@@ -257,10 +257,10 @@ class Images(Proof):
         """The numbers sum(cell * strides) of cells (M, ndim): (M,)."""
         return np.asarray(some @ self.strides)
 
-    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
-        """The first and the last cell (ndim,) of what a cell can lead to under u_j."""
-        moves, place = self.moves(step), int(cell @ self.strides)
-        return cell + moves.low[j, place], cell + moves.high[j, place]
+    def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
+        """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
+        moves, places = self.moves(step), self.places(some)
+        return some + moves.low[inputs, places], some + moves.high[inputs, places]
 
     @kept
     def farthest_moves(self) -> FloatArray:

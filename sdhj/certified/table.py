@@ -244,18 +244,18 @@ class CertifiedTable(Table):
         order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         low, high = np.full((2, count, ndim), np.nan)  # off the grid
-        for row, cell in zip(rows[firsts].tolist(), cells[firsts], strict=True):
-            a, b = self.proof.image(cell, int(inputs[row]), step)
-            begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in (a, b))
-            low[row], high[row] = self._edge(begin), self._edge(end + 1)
+        rows, ends = rows[firsts], self.proof.image(cells[firsts], inputs[rows[firsts]], step)
+        begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in ends)
+        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
         return low, high, self.proof.prediction_error
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """Where edges of such numbers (ndim,) are, those of periodic axes counted on over the seam: (ndim,)."""
-        counts, edges = self.cells.counts, [axis.edges() for axis in self.axes]
+        """Where edges of such numbers (M, ndim) are, those of periodic axes counted on over the seam: (M, ndim)."""
+        counts = self.cells.counts
         laps = np.where(self.cells.periodic, numbers // counts, 0)
         at = np.where(self.cells.periodic, numbers % counts, numbers)
-        return np.array([edge[place] for edge, place in zip(edges, at, strict=True)]) + laps * self.cells.length
+        edges = [axis.edges()[own] for axis, own in zip(self.axes, at.T, strict=True)]
+        return np.stack(edges, axis=1) + laps * self.cells.length
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""

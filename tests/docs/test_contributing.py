@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 import sdhj
+from sdhj.formulas.arrays import MADE
 
 ROOT = Path(__file__).parent.parent.parent
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -27,12 +29,15 @@ def block(file: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def names() -> dict[str, Any]:
-    """What the blocks define that make up one program."""
+def names() -> Iterator[dict[str, Any]]:
+    """What the blocks define that make up one program; other tests do not know the NumPy function that they add."""
     defined: dict[str, Any] = {"__name__": "contributing"}
+    known = dict(MADE)
     for code in INLINE:
         exec(code, defined)
-    return defined
+    yield defined
+    MADE.clear()
+    MADE.update(known)
 
 
 def run(arguments: list[str], folder: Path, **environment: str) -> str:

@@ -11,6 +11,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 import sdhj.simulation.played
 from sdhj import Controller, UnsafeSet
+from sdhj.kernels import read_only
 from sdhj.problem.findings import ProjectionWarning, ResolutionWarning
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
 
@@ -66,7 +67,7 @@ def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_play
     problem = replace(interval_problem(unsafe=False), dynamics=strong)
     problem = replace(problem, target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.25 * 0.5))
     table = sdhj.solve(problem, progress=False, play=False)
-    far = replace(table, tubes=table.tubes - 0.3)  # what errors of the scheme do on a coarse grid
+    far = replace(table, tubes=read_only(table.tubes - 0.3))  # what errors of the scheme do on a coarse grid
     found = far.played(400)
     assert 0 < found.outside_lost == found.lost <= found.outside < 400
     assert f"{found.lost} of {found.outside} from outside the target" in str(found)

@@ -88,7 +88,7 @@ class ArmProof(Proof):
     @property
     def shell(self) -> FloatArray:
         """Of an arm in metres, as `sdhj.kernels.arm.links` bounds it."""
-        return np.full(4, STATE_SLACK)
+        return read_only(np.full(4, STATE_SLACK))
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
@@ -114,9 +114,9 @@ class ArmProof(Proof):
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
-    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
+    def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """See `GeneralProof.image`."""
-        at = np.arange(len(cell)), j, cell
+        at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
@@ -163,7 +163,7 @@ class ArmProof(Proof):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))
-                pursuer_clear(*map(np.ascontiguousarray, moves), motion.arm, motion.agent, clear[j])
+                pursuer_clear(*read_only([*map(np.ascontiguousarray, moves)]), motion.arm, motion.agent, clear[j])
             else:
                 clear[j][:] = to_words(np.ones(motion.agent.nx * motion.agent.ny, np.bool_))
         return clear
@@ -185,7 +185,7 @@ class ArmProof(Proof):
         """Cells inside the target and outside the unsafe set at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
-        still = [joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)]
+        still = read_only([joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)])
         if stage.target is None:
             tips_within(*still, stage.agent_radius, motion.arm, motion.agent, out)
         else:
