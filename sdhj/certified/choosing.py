@@ -156,7 +156,7 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """What is lost on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
+    """The loss on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
     for each unit of what `rounded_out` says, in all steps.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
@@ -178,7 +178,7 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """What is lost to each choice of the cells of an axis, at its rates (3,) of `losses`."""
+    """The loss of each choice of the cells of an axis, at its rates (3,) of `losses`."""
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
@@ -251,7 +251,7 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
 def _crossings(problem: ReachAvoidProblem) -> FloatArray:
     """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up."""
     grid, steps = problem.grid, problem.most_steps
-    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("unsafe"))
+    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
     out = np.isfinite(ends).sum(axis=0) / extent
     for part in known_sets(problem):
         own = grid.subgrid(part.axes)
@@ -305,7 +305,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
-    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
+    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()

@@ -35,7 +35,7 @@ def play_interval(
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
     lowest, place = np.full(len(states), np.inf), problem.grid
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
-        lowest = problem.unsafe_value(problem.grid.clipped(states, "safe"), begun.time, inputs)
+        lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), begun.time, inputs)
     ahead = [_near(begun, part, states, begun.time, len(substeps)) for part in problem.unsafe]
     near = ahead
     for substep in substeps:
@@ -43,8 +43,8 @@ def play_interval(
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
-        before, states = place.clipped(states, "safe"), begun.interval.advance(states, inputs, v, now, begun.duration)
-        met = place.clipped(states, "safe")  # nothing beyond a safe end is unsafe
+        before, states = place.clipped(states, "frees"), begun.interval.advance(states, inputs, v, now, begun.duration)
+        met = place.clipped(states, "frees")  # nothing beyond a safe end is unsafe
         clearance = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
         lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
@@ -58,9 +58,9 @@ def play_interval(
                 way = before[some], met[some] - before[some], now, begun.duration
                 clearance[some] = np.minimum(clearance[some], _least_between(problem, part, *way))
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & problem.grid.beyond(states, "unsafe")] = OFF
+        ended[(ended == UNDECIDED) & problem.grid.beyond(states, "fails")] = OFF
         if problem.has_no_target:
-            ended[(ended == UNDECIDED) & problem.grid.beyond(states, "safe")] = REACHED
+            ended[(ended == UNDECIDED) & problem.grid.beyond(states, "frees")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():
@@ -74,7 +74,7 @@ def _near(
     """Which runs, of those asked (M,), a set may come to in so many substeps, by bounds around each state: (M,)."""
     found = part.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
-    start = begun.problem.grid.clipped(states[some], "safe") - far
+    start = begun.problem.grid.clipped(states[some], "frees") - far
     times = t, t + begun.duration * substeps
     found[some] = _may_meet(begun.problem, part, start, np.broadcast_to(2 * far, start.shape), times)
     return found

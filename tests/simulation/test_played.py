@@ -1,5 +1,6 @@
 """What a solve says of its own promises: runs from the whole tube, what emptied it, warnings that can be followed."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -216,3 +217,16 @@ def test_empty_projections_are_warned_of_before_the_recursion(monkeypatch: pytes
     problem = sdhj.evader_case_study(nodes=9, steps=2)
     with pytest.warns(ProjectionWarning, match="leaves nothing of the target"), pytest.raises(pytest.fail.Exception):
         sdhj.solve(problem, "projected", progress=False)
+
+
+def test_solved_and_loaded_tables_play_and_others_say_that_they_cannot(tmp_path):
+    problem = interval_problem()
+    table = sdhj.solve(problem, "lax", play=False, progress=False)
+    table.save(tmp_path / "table.h5")
+    stored = sdhj.solve(problem, "lax", store=tmp_path / "table", progress=False)
+    tables = sdhj.load(tmp_path / "table.h5"), stored, pickle.loads(pickle.dumps(stored)), sdhj.load(tmp_path / "table")
+    tables += sdhj.resolve(table, problem, "lax"), pickle.loads(pickle.dumps(table)), replace(stored, details={})
+    for other in tables:
+        assert other.played(10) == table.played(10)
+    with pytest.raises(ValueError, match=r"this LookupTable has no player; use a table of sdhj\.solve or sdhj\.load"):
+        replace(table, player=None).played()

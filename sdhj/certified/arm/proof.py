@@ -37,7 +37,7 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 @dataclass(frozen=True)
 class ArmProof(Proof):
-    """What one interval does to the cells, for the recursion and for questions about states."""
+    """The images of an arm's cells over one interval, for the recursion and for questions about states."""
 
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
@@ -83,11 +83,12 @@ class ArmProof(Proof):
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     def __post_init__(self) -> None:
+        """Make the arrays of the motion read-only."""
         read_only(tuple(self.motion))
 
     @property
     def shell(self) -> FloatArray:
-        """Of an arm in metres, as `sdhj.kernels.arm.links` bounds it."""
+        """How far off a cell a state counts as in it: `STATE_SLACK`, of an arm in metres (`sdhj.kernels.arm.links`)."""
         return read_only(np.full(4, STATE_SLACK))
 
     @staticmethod
@@ -110,7 +111,7 @@ class ArmProof(Proof):
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """Of a set: cells of the joints, words."""
+        """Shape of a packed set: cells of the two joints, and words of the cells (x, y)."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
