@@ -45,6 +45,7 @@ from sdhj.certified.sets import Certified
 from sdhj.formulas.arrays import NotTraced
 from sdhj.formulas.formula import BlackBox, complement, intersection, union
 from sdhj.formulas.gridded import gridded
+from sdhj.problem.ball import Ball
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 from sdhj.problem.grid import Grid
@@ -66,6 +67,7 @@ from sdhj.table.table import LookupTable
 
 __all__ = [
     "HJI",
+    "Ball",
     "BlackBox",
     "Candidates",
     "Certified",

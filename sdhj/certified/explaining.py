@@ -168,7 +168,7 @@ class _Cell:
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
         late = self.problem.sensing.jitter
-        for unsafe_set in self.problem.unsafe:
+        for unsafe_set in (one for one in self.problem.unsafe if one.counts(j)):
             own, least = list(unsafe_set.axes), []
             pieces = int(TRIED ** (1 / len(own)))
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T

@@ -238,11 +238,13 @@ class GeneralProof(Images):
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
             self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
-        for lattice in (one for one in lattices if len(one) == 1):  # obligation 4.9
+        # obligation 4.47
+        own = [one for one, part in zip(lattices, self.problem.unsafe, strict=True) if part.counts(j)]
+        for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
             self._met(still, tubes, places, lattice[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
             clear = self.clear[step, :, j // 8] & still
-            for lattice in (one for one in lattices if len(one) > 1):  # obligation 4.10
+            for lattice in (one for one in own if len(one) > 1):  # obligation 4.10
                 self._met(clear, tubes, places, lattice[step], bit)  # obligation 4.11
             self.clear[step, :, j // 8] = clear
 
@@ -301,7 +303,7 @@ class GeneralProof(Images):
         # obligation 9.6
         times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for unsafe_set in problem.unsafe:
-            if unsafe_set.moving:
+            if unsafe_set.moving and unsafe_set.inputs is None:
                 out &= self.over_cells(unsafe_set, times) > 0  # obligation 9.4
         if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
@@ -312,7 +314,7 @@ class GeneralProof(Images):
         """Cells outside the unsafe sets that stand still."""
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         for unsafe_set in self.problem.unsafe:
-            if not unsafe_set.moving:
+            if not unsafe_set.moving and unsafe_set.inputs is None:
                 out &= self.over_cells(unsafe_set, self._always) > 0  # obligation 9.3
         return out
 

@@ -298,7 +298,8 @@ class CertifiedTable(Table):
         clear = self._words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
-        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
+        inputs = np.tile(np.arange(clear.shape[1]), len(states))
+        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1), inputs).reshape(clear.shape)
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:

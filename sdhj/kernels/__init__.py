@@ -60,7 +60,8 @@ def unwritable(value: Any) -> Any:
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
-        return tuple(map(unwritable, value))
+        parts = tuple(map(unwritable, value))  # the same object where nothing of it could be written
+        return value if all(one is other for one, other in zip(parts, value, strict=True)) else parts
     return SealedList(value) if isinstance(value, list) else value
 
 

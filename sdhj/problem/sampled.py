@@ -122,7 +122,7 @@ class Sampled(Statement):
         """
         t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
         values = self.target_at(t)
-        for unsafe_set in self.unsafe:
+        for unsafe_set in (one for one in self.unsafe if one.inputs is None):
             g = (
                 self.unsafe_over(unsafe_set, t - jitter, t + jitter)
                 if jitter and unsafe_set.moving
@@ -167,8 +167,10 @@ class Sampled(Statement):
         """
         return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
-    def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
+    def unsafe_value(self, points: FloatArray, t: float, inputs: FloatArray | None = None) -> FloatArray:
         """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
+
+        inputs (M,): the numbers of what is applied there; without them sets count that are unsafe under all inputs.
 
         Raises
         ------
@@ -183,18 +185,19 @@ class Sampled(Statement):
         array([ 0.5, -0.5])
         """
         points = points_array("points", points, self.grid.ndim)
-        return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
+        return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
-    def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
+    def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
         """The `unsafe_value` of points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
         for unsafe_set in self.unsafe:
-            for begin, end in pairwise(firsts) if unsafe_set.moving else [(0, len(times))]:
+            counts = unsafe_set.counts(inputs)
+            for begin, end in (pairwise(firsts) if unsafe_set.moving else [(0, len(times))]) if counts.any() else ():
                 at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))
                 value = unsafe_set.level_set(at, times[begin]).reshape(len(points), end - begin)
-                np.minimum(out[:, begin:end], value, out=out[:, begin:end])
+                np.minimum(out[:, begin:end], value, out=out[:, begin:end], where=counts.reshape(-1, 1))
         return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import axis_numbers, option
+from sdhj.problem.checks import axis_numbers, option, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.maps import map_level_set, polygon_level_set
 
@@ -48,6 +48,11 @@ class UnsafeSet:
         By default the library bounds `level_set` over [t0, t1] in pieces of time.
     name : str
         For messages and pictures.
+    inputs : sequence of int, optional
+        The numbers of the inputs, rows of `Dynamics.inputs`, under which the set is unsafe; by default under all. A
+        state in it is then not lost by itself: no input of these is applied for an interval in which it may be in the
+        set, ends included, as no thrust near a station, or a charger that is off from 17 to 20 h. A run in which it is
+        has collided. For a map or a polygon use `dataclasses.replace(one, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
         The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
         cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
@@ -81,11 +86,14 @@ class UnsafeSet:
     swept: Any = None
     name: str = "unsafe"
     sampling: str = "nodes"
+    inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Read the level-set function, and `swept`; ValueError where one does not fit."""
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
+        if self.inputs is not None:
+            object.__setattr__(self, "inputs", _input_numbers(self.inputs, self.name))
         count, name = len(self.axes), f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, count, "t"))
         if self.swept is not None:
@@ -167,6 +175,12 @@ class UnsafeSet:
     def moving(self) -> bool:
         """Whether the level-set function depends on the time."""
         return bool(self.level_set.timed)
+
+    def counts(self, inputs: FloatArray | int | None) -> FloatArray:
+        """Whether the set is unsafe under inputs (M,), given by their numbers; None: whatever is applied."""
+        if self.inputs is None or inputs is None:
+            return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
+        return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
         """Values (M,) of one static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
@@ -260,6 +274,17 @@ class TargetSet:
 
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
+
+
+def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
+    """The numbers of inputs, ascending; ValueError where they are not some whole numbers, each once."""
+    found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
+    numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
+    if not numbers or len(numbers) != len(set(numbers)):
+        raise ValueError(
+            f"inputs of {name!r} must be the numbers of some inputs, each once, or left out, got {given!r}"
+        )
+    return tuple(numbers)
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:

@@ -154,7 +154,11 @@ class Statement(Remembering):
     @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
-        sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
+        sets: list[dict[str, Any]] = [
+            {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
+            | ({} if p.inputs is None else {"inputs": list(p.inputs)})
+            for p in self.unsafe
+        ]
         target = (
             [] if self.has_no_target else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
         )

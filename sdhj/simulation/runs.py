@@ -2,11 +2,12 @@
 
 At every sampling time t_k the robot measures its state and the controller selects an input. Apart from the controller,
 only the adversary may read the table. Collisions are detected by the true level-set functions at 20 instants of every
-interval. The outcome of a run is one of
+interval, and between these where bounds on the functions leave open whether something fast was met. The outcome of a
+run is one of
 
 * reached: at a sampling time the state was in the true target, and no collision was detected before; without a target,
   the run lasted until the last sampling time, or the state left the grid past a safe end;
-* collided: the state was in an unsafe set at one of the instants, the start included;
+* collided: the state was in an unsafe set at one of these instants, the start included;
 * left: at a sampling time before the last, the state was in no tube, so the controller had no answer;
 * late: none of these by the last sampling time;
 * off the grid: the state left the grid past an unsafe end.

@@ -449,7 +449,7 @@ class Table:
         -------
         (M, L) array
             For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
-            -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall uses the value at the
+            -inf if no set is unsafe under it. A table on a grid interpolates, and beyond a wall uses the value at the
             wall; a certified table gives <= 0 only with proof.
 
         Raises

@@ -84,5 +84,7 @@ RULES: dict[str, Rule] = {  # the input of the least score is selected
     "deepest": lambda among: among.depths,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
-    "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
+    "clearance": lambda among: (
+        -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1), among.inputs)
+    ),
 }

@@ -64,6 +64,7 @@ FALSE = {
     "sets at the time of a step": ("4.6 put 2 [0.0] * {9}", "crossed", CLEAR),
     "sets in all of an interval": ("4.7 zero 10", "crossed", CLEAR),
     "a clock that is off": ("4.8 copy 4 5; copy 7 8", "sensed", CLEAR),
+    "sets of some inputs": ("4.47 put 14 {16}.inputs is None", "forbidden", CLEAR),
     "sets that stand still": ("4.9 put 2 ()", "line", CLEAR),
     "sets that move": ("4.10 put 2 ()", "crossed", CLEAR),
     "clear in every step": ("4.11 zero 9", "crossed", CLEAR),

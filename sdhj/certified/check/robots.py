@@ -101,7 +101,7 @@ class Robot(Sets):
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
-        self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim)
+        self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim, self.count)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
         # check 7.15
@@ -368,8 +368,8 @@ class Robot(Sets):
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
-    def clear_holds(self, ends: Array, step: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
-        """Whether tubes swept[at] from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
+    def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
+        """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.inside(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
@@ -381,7 +381,7 @@ class Robot(Sets):
             out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
             out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
-        for unsafe_set in self.unsafe:  # check 4.30
+        for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
                 # check 4.32
@@ -396,7 +396,7 @@ class Robot(Sets):
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
-    def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
+    def blocks_hold(self, step: int, j: int, places: Array, swept: Array) -> Array:
         """Which cells are clear, (cells,) bool, decided for blocks that move alike; False means still open."""
         counts, sides = self.counts, np.where(self.known, 1, SIDE)
         shape = -(-counts // sides)
@@ -407,7 +407,7 @@ class Robot(Sets):
             some = begin + np.flatnonzero(looked_at[begin : begin + BOXES_AT_ONCE])
             last = np.minimum(first[some] + sides, counts) - 1  # check 4.34
             ends = np.stack([self.ends(first[some])[0], self.ends(last)[1]])
-            out[some] = self.clear_holds(ends, step, swept, at[some], 0)
+            out[some] = self.clear_holds(ends, step, j, swept, at[some], 0)
         out = out.reshape(shape)
         for axis in np.flatnonzero(~self.known):
             out = out.repeat(SIDE, axis).take(np.arange(counts[axis]), axis)
@@ -427,7 +427,7 @@ class Robot(Sets):
         # check 5.15
         times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
         box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
-        for unsafe_set in self.unsafe:
+        for unsafe_set in (one for one in self.unsafe if one.inputs is None):
             out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
@@ -561,11 +561,11 @@ class Robot(Sets):
                 moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
                     if finer == FINER[0] and not self.known.all():
-                        some = some[~self.blocks_hold(step, looked_at, swept)[numbers[some]]]
+                        some = some[~self.blocks_hold(step, j, looked_at, swept)[numbers[some]]]
                     rows = np.searchsorted(looked_at, at[some])
                     slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
                     good = [
-                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, swept, rows[own])
+                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, j, swept, rows[own])
                         for own in slabs
                     ]
                     open_[step] = some[~np.concatenate(good)] if good else some
