@@ -44,6 +44,7 @@ from sdhj.certified.export import export_c
 from sdhj.certified.sets import Certified
 from sdhj.formulas.formula import BlackBox, complement, intersection, union
 from sdhj.formulas.gridded import gridded
+from sdhj.problem.bodies import Body
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
@@ -63,6 +64,7 @@ from sdhj.table.table import LookupTable
 __all__ = [
     "HJI",
     "BlackBox",
+    "Body",
     "Certified",
     "Controller",
     "Dynamics",

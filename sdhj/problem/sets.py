@@ -15,8 +15,10 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import axis_numbers, option
-from sdhj.problem.maps import map_level_set, polygon_level_set
+from sdhj.problem.checks import axis_numbers, option, pair
+from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of
+from sdhj.problem.maps import map_level_set
+from sdhj.problem.polygons import polygon_level_set
 from sdhj.problem.tubes import table_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
@@ -132,13 +134,106 @@ class UnsafeSet:
 
     @classmethod
     def polygon(
-        cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), *, radius: float = 0.0, name: str = "polygon"
+        cls,
+        vertices: FloatArray,
+        axes: Sequence[int] = (0, 1),
+        *,
+        radius: float = 0.0,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        outside: bool = False,
+        name: str = "polygon",
     ) -> "UnsafeSet":
-        """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m.
+        """A simple polygon, or what is outside of one, enlarged by the radius of a disk-shaped robot.
 
-        ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
+        Parameters
+        ----------
+        vertices : array (K, 2)
+            Its corners in order, m.
+        axes : sequence of int
+            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
+            footprint; or those that the poses are functions of.
+        radius : float
+            By which it is enlarged, m.
+        footprint : array (K, 2), Body, or a sequence of Body
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of.
+        pose : callable (points (M, axes), t) -> (x, y, heading)
+            Where the polygon's frame is, if it moves.
+        outside : bool
+            Whether it is a fence: what is outside of the polygon is unsafe, rather than what is inside.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than three vertices, or edges cross; if a footprint has no three axes to move with.
+        ImportError
+            If Shapely is not installed.
+
+        Notes
+        -----
+        Bodies and polygons are cut into convex parts; the value is the signed distance of the nearest two, of the right
+        sign everywhere, and exact outside (`sdhj.problem.bodies`).
+
+        Examples
+        --------
+        A robot of 1.2 m by 0.5 m in a room of 4 m by 3 m; across its corner, and sideways along a wall:
+
+        >>> import sdhj
+        >>> robot = [[-0.3, -0.25], [0.9, -0.25], [0.9, 0.25], [-0.3, 0.25]]
+        >>> room = [[0, 0], [4, 0], [4, 3], [0, 3]]
+        >>> walls = sdhj.UnsafeSet.polygon(room, axes=(0, 1, 2), footprint=robot, outside=True)
+        >>> walls.level_set([[3.2, 2.2, 0.7], [2.0, 0.3, 0.0]], 0.0).round(3)
+        array([-0.046,  0.05 ])
         """
-        return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
+        if footprint is None and pose is None and not outside:
+            return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
+        body = Body(vertices, radius, pose)
+        if len(body.vertices) < 3:
+            raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {body.vertices.shape}")
+        return cls._of(body.outside if outside else body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def box(
+        cls,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        axes: Sequence[int] = (0, 1),
+        *,
+        radius: float = 0.0,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        outside: bool = False,
+        name: str = "box",
+    ) -> "UnsafeSet":
+        """The box from its lower left corner (x, y) to the upper right one, m; else as `polygon`."""
+        (left, low), (right, high) = (pair(f"{which} of {name!r}", one) for which, one in
+                                      (("lower", lower), ("upper", upper)))
+        if not (left < right and low < high):
+            raise ValueError(f"lower must be below upper in both coordinates, got {lower} and {upper}")
+        body = Body([[left, low], [right, low], [right, high], [left, high]], radius, pose)
+        return cls._of(body.outside if outside else body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def disk(
+        cls,
+        centre: Sequence[float],
+        radius: float,
+        axes: Sequence[int] = (0, 1),
+        *,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        name: str = "disk",
+    ) -> "UnsafeSet":
+        """The disk with a centre (x, y) and a radius, m; else as `polygon`."""
+        body = Body([pair(f"centre of {name!r}", centre)], radius, pose)
+        return cls._of(body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
+        """What the parts of a body touch."""
+        own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
+        robot = footprint_of(footprint, own)
+        return cls(own, body_level_set(robot, parts, body.radius, body.pose), name=name)
 
     @property
     def moving(self) -> bool:
