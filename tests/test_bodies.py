@@ -32,7 +32,7 @@ def test_convex_bodies_have_the_signed_distance_of_plain_loops(robot, obstacle):
     place, q = (0.3, -0.2, 0.4), states(rng, 150)
     body = Body(SHAPES[robot], radius=0.02)
     other = Body(SHAPES[obstacle], radius=0.05, pose=lambda p, t: place)
-    part = UnsafeSet((0, 1, 2), body_level_set([body], other.parts, other.radius, other.pose))
+    part = UnsafeSet((0, 1, 2), body_level_set([body], other.parts, other))
     still = naive.placed(SHAPES[obstacle], *place)
     expected = [naive.of_convex(naive.placed(SHAPES[robot], *one), still) - 0.07 for one in q.tolist()]
     np.testing.assert_allclose(part.level_set(q, 0.0), expected, rtol=0, atol=1e-9)

@@ -52,11 +52,11 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
-    """The least and the greatest values of a table in blocks of 2, 4, 8, ... nodes on each axis, up to few blocks."""
+    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few blocks."""
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
-            begins = np.arange(0, least.shape[axis], 2)
+            begins = np.arange(0, least.shape[axis], 4)
             least, greatest = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(greatest, begins, axis)
         found += [least, greatest]
     return found
@@ -482,8 +482,8 @@ def _of_blocks(lookup, tables, first, last):
     for axis in range(axes):
         size *= lookup[7 + axis]
     while total > MOST_NODES[axes]:
-        start += size * min(level + 1, 2)  # behind the values, or the least and greatest of smaller blocks
-        level, size, total = level + 1, np.int64(1), np.int64(1)
+        start += size * (2 if level else 1)  # behind the values, or the least and greatest of smaller blocks
+        level, size, total = level + 2, np.int64(1), np.int64(1)
         for axis in range(axes):
             size *= ((lookup[7 + axis] - 1) >> level) + 1
             total *= (last[axis] >> level) - (first[axis] >> level) + 1

@@ -18,6 +18,7 @@ deep in it as its radius less a tolerance: what they reach beyond it is at most 
 """
 
 import math
+import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
@@ -28,11 +29,14 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number
-from sdhj.problem.polygons import ROUNDING, around, convex_parts, outline
+from sdhj.problem.polygons import ROUNDING, around, convex_parts, outline, polygon_level_set
 
 Pose = Callable[[Any, Any], Sequence[Any]]  # (points, t) -> x, y and heading, each (M,) or a number
 TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # rows times it are a quarter turn to the left
 UNIT = np.eye(2)
+QUARTERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+FINE = 0.25  # of how deep a square lies, or of the tolerance: half the side of squares that disks are made of
+MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
@@ -131,12 +135,15 @@ class Body:
         return [*sides, *parts_of(around(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """Its pose: x, y, heading."""
+        """Its pose: x, y, heading; ValueError where the function returns none."""
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
         pose = self.pose(points, t)
-        if not isinstance(pose, Sequence) or len(pose) != 3:
-            raise ValueError(f"the pose of a body must return x, y and heading, got {type(pose).__name__}")
+        if not isinstance(pose, tuple | list) or len(pose) != 3:
+            raise ValueError(
+                "the pose of a body must return x, y and heading, as lambda q, t: (q[:, 0], q[:, 1], 0.0) does, got "
+                f"{reprlib.repr(pose)}"
+            )
         return pose
 
 
@@ -188,7 +195,8 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
     """A pose in the frame of another one."""
     (x, y, heading), (a, b, turned) = pose, other
-    cosine, sine = np.cos(turned), np.sin(turned)
+    still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
+    cosine, sine = (math.cos(turned), math.sin(turned)) if still else (np.cos(turned), np.sin(turned))
     return cosine * (x - a) + sine * (y - b), cosine * (y - b) - sine * (x - a), heading - turned
 
 
@@ -212,18 +220,93 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 
 
 def body_level_set(
-    robot: Sequence[Body], parts: Sequence[Part], radius: float, pose: Pose | None
+    robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
     """The signed distance between a robot and the parts of an obstacle with its pose, less the radius of both."""
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         """The least signed distance of a part of the robot to one of the obstacle, less the radius of both."""
-        place, found = None if pose is None else pose(points, t), list[Any]()
+        place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
         for body in robot:
             at = body.placed(points, t)
             at = at if place is None else relative(at, place)
             each = [clearance(one, other, *at) for one, other in product(body.parts, parts)]
-            found.append(reduce(np.minimum, each) - (body.radius + radius))
+            found.append(reduce(np.minimum, each) - (body.radius + obstacle.radius))
+        return reduce(np.minimum, found)
+
+    return level_set
+
+
+def cover(body: Body, tolerance: float) -> FloatArray:
+    """Disks (K, 3), x, y and radius, that cover a polygon, a segment or a point and reach at most so far beyond it, m.
+
+    The body is cut into squares, halved until one is small beside how deep it lies, or beside the tolerance. A disk may
+    be about the middle of any of them, as large as it is deep, and a tolerance more; of these, one after the other, the
+    one is taken that covers the most squares that are left. A square counts as covered where its corners are.
+    """
+    if len(body.vertices) == 1:
+        return np.array([[*body.vertices[0], 0.0]])
+    (left, low), (right, high) = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    side, middles, sides = max(right - left, high - low), list[FloatArray](), list[FloatArray]()
+    centres = np.array([[left + right, low + high]]) / 2
+    while len(centres):
+        depth, half = depths(body, centres), side / 2
+        near = depth > -half * math.sqrt(2.0)  # others have nothing of the body
+        done = near & (half <= np.maximum(depth, tolerance) * FINE)
+        middles.append(centres[done])
+        sides.append(np.full(int(done.sum()), half))
+        if (count := sum(map(len, middles)) + 4 * int((near & ~done).sum())) > MOST_SQUARES:
+            raise ValueError(
+                f"to cover a footprint of {right - left:g} m by {high - low:g} m to {tolerance:g} m takes more than "
+                f"{count:,} squares; allow a greater tolerance"
+            )
+        centres = (centres[near & ~done, None] + QUARTERS * half / 2).reshape(-1, 2)
+        side = half
+    squares, halves = np.concatenate(middles), np.concatenate(sides)
+    radii = depths(body, squares) + tolerance
+    return chosen(squares, halves, radii)
+
+
+def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
+    """Disks (K, 3) about the middles (M, 2) of some squares, with their radii, that cover all squares."""
+    corners = squares[:, None] + QUARTERS * halves[:, None, None]
+    room = np.flatnonzero(radii > halves * math.sqrt(2.0))
+    covers = np.ones((len(room), len(squares)), np.bool_)
+    for k in range(len(QUARTERS)):
+        gap = np.hypot(*(squares[room, None] - corners[None, :, k]).transpose(2, 0, 1))
+        covers &= gap <= radii[room, None]
+    counts, found = covers.sum(axis=1), list[int]()
+    while counts.any():
+        best = int(np.argmax(counts))
+        found.append(int(room[best]))
+        new = np.flatnonzero(covers[best])
+        counts -= covers[:, new].sum(axis=1)
+        covers[:, new] = False
+    return np.column_stack([squares[found], radii[found]])
+
+
+def depths(body: Body, points: FloatArray) -> FloatArray:
+    """How deep points (M, 2) lie in a body, negative outside: of a segment, less its distance."""
+    if len(body.vertices) < 3:
+        x, y = points.T
+        return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
+    return np.asarray(-polygon_level_set(body.vertices, 0.0)(points, 0.0))
+
+
+def map_body_level_set(
+    robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
+) -> Callable[[FloatArray, float], FloatArray]:
+    """What a map's signed distance, in its own frame, leaves of disks that cover a robot, least of all."""
+    disks = [(body, cover(body, tolerance)) for body in robot]
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """The least clearance of a disk, less the radius of its body."""
+        found = list[Any]()
+        for body, some in disks:
+            x, y, heading = relative(body.placed(points, t), origin)
+            for a, b, size in some:
+                place = [along(one, np.array([a, b]), heading) for one in UNIT]
+                found.append(distance(x + place[0], y + place[1]) - (size + body.radius))
         return reduce(np.minimum, found)
 
     return level_set

@@ -54,10 +54,13 @@ _SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
 HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))
 
 
-def map_level_set(
+def map_distance(
     source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
-) -> Callable[[FloatArray, float], FloatArray]:
-    """The level-set function of all that a map does not show as free: see `UnsafeSet.from_map`."""
+) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
+    """The signed distance, of x and y in the map's frame, to what a map does not show as free; and that frame's pose.
+
+    Less a radius: see `UnsafeSet.from_map`.
+    """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
             raise ValueError("resolution and origin are read from the map's file; give them with an array only")
@@ -77,22 +80,19 @@ def map_level_set(
     if np.shape(origin) not in ((2,), (3,)):
         raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {reprlib.repr(origin)}")
     x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
-    cosine, sine = math.cos(yaw), math.sin(yaw)
     nodes = clearance(blocked, side)
-    size = (np.array(nodes.shape) - 1.0) * (side / 2)
+    width, height = ((np.array(nodes.shape) - 1.0) * (side / 2)).tolist()
     nodes -= side / math.sqrt(8.0) + radius
     nodes.setflags(write=False)  # so that it is not copied
     table = gridded(nodes, [0.0, 0.0], [side / 2, side / 2])
     del nodes
 
-    def level_set(points: FloatArray, t: float) -> FloatArray:
-        """Signed distance at points (M, 2): the table on the map, less the distance to the map off it."""
-        dx, dy = points[:, 0] - x, points[:, 1] - y
-        places = np.stack([cosine * dx + sine * dy, cosine * dy - sine * dx], axis=1)
-        past = np.maximum(places - size, np.minimum(places, 0.0))  # 0 on the map
-        return table(places) - np.hypot(past[:, 0], past[:, 1])
+    def distance(x: Any, y: Any) -> Any:
+        """At places (M,): the table on the map, less the distance to the map off it."""
+        past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
+        return table(np.stack([x, y], axis=1)) - np.hypot(*past)
 
-    return level_set
+    return distance, (x, y, yaw)
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:

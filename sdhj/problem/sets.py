@@ -15,9 +15,9 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import axis_numbers, option, pair
-from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of
-from sdhj.problem.maps import map_level_set
+from sdhj.problem.checks import axis_numbers, number, option, pair
+from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
+from sdhj.problem.maps import map_distance
 from sdhj.problem.polygons import polygon_level_set
 from sdhj.problem.tubes import table_level_set
 
@@ -102,6 +102,8 @@ class UnsafeSet:
         resolution: float | None = None,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
         radius: float = 0.0,
+        footprint: Footprint = None,
+        tolerance: float = 0.01,
         name: str = "map",
     ) -> "UnsafeSet":
         """Everything that a map does not show as free, enlarged by the radius of a disk-shaped robot.
@@ -110,8 +112,8 @@ class UnsafeSet:
         ----------
         source : path of a map server's YAML file, or bool array (rows, columns)
             An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
-        axes : (int, int)
-            The grid's axes for the map's x and y, m.
+        axes : sequence of int
+            The grid's axes for the map's x and y, m; with a footprint, for x, y and heading, or those of its poses.
         resolution : float
             Side of a pixel, m. Required for an array; a file contains it.
         origin : (x, y) or (x, y, yaw)
@@ -119,18 +121,27 @@ class UnsafeSet:
             an array only; a file contains it.
         radius : float
             Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
+        footprint : array (K, 2), Body, or a sequence of Body
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of. Disks that cover them
+            are looked up in the map.
+        tolerance : float
+            How far these disks may reach beyond the footprint, m. Half of it takes some 1.4 times as many.
 
         Raises
         ------
         ValueError
-            If a file cannot be read or is invalid, with its name; if no pixel is free; or if there are more than about
-            33 million pixels, as all tables that a problem looks up may take 2^30 bytes.
+            If a file cannot be read or is invalid, with its name; if no pixel is free; if there are more than about
+            33 million pixels, as all tables that a problem looks up may take 2^30 bytes; if a footprint has no three
+            axes to move with, or the tolerance is too small for it.
         MemoryError
             If 110 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError
             If a package that is needed, of the extra `maps`, is not installed.
         """
-        return cls(_plane(axes, name), map_level_set(source, resolution, origin, radius, name), name=name)
+        own = _plane(axes, name) if footprint is None else axis_numbers(axes, name)
+        robot, allowed = footprint_of(footprint, own), number("tolerance", tolerance, above=0.0)
+        distance, place = map_distance(source, resolution, origin, radius, name)
+        return cls(own, map_body_level_set(robot, distance, place, allowed), name=name)
 
     @classmethod
     def polygon(
@@ -233,7 +244,7 @@ class UnsafeSet:
         """What the parts of a body touch."""
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
-        return cls(own, body_level_set(robot, parts, body.radius, body.pose), name=name)
+        return cls(own, body_level_set(robot, parts, body), name=name)
 
     @property
     def moving(self) -> bool:
