@@ -41,7 +41,7 @@ from sdhj.problem.polygons import MISSING
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires
 MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
-BYTES_A_PIXEL = 110  # that reading a map and making its distances take at most
+BYTES_A_PIXEL = 130  # that reading a map and making its distances take at most
 MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write

@@ -134,7 +134,7 @@ class UnsafeSet:
             33 million pixels, as all tables that a problem looks up may take 2^30 bytes; if a footprint has no three
             axes to move with, or the tolerance is too small for it.
         MemoryError
-            If 110 bytes a pixel, which reading it takes at most, are more than is available.
+            If 130 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError
             If a package that is needed, of the extra `maps`, is not installed.
         """
