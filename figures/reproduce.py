@@ -34,7 +34,8 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
     tables: dict[str, Table] = {}
-    compile_kernels(INTERPOLATED, click.echo)
+    for method in INTERPOLATED:
+        click.echo(f"compiling for {method}: {compile_kernels('arm', method):.1f} s")
     for method in (*INTERPOLATED, *(["certified"] if certified else [])):
         click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
         tables[method] = sdhj.solve(problem, method=method)

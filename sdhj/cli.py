@@ -13,8 +13,10 @@ import traceback
 import uuid
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from functools import reduce
+from multiprocessing import get_context
 from pathlib import Path
 from pkgutil import resolve_name
 from tempfile import TemporaryDirectory, gettempdir
@@ -68,13 +70,23 @@ def stop(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
+NEW_ROBOT = Path(__file__).with_name("new_robot.txt")
 INTERPOLATED = tuple(name for name in METHODS if name != Certified.name)  # tubes between nodes
 METHOD = click.Choice(list(METHODS))
 RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
 VIEWS = click.Choice(VIEW_TIMES)
 READINGS = click.Choice(KINEMATICS)
-WARM_CELLS = (63, 63, 18, 18)  # enough cells that the tubes of the certified table grow, so that every kernel is called
+# small problems that call every kernel, what takes longest first: so many cells that certified tubes grow
+WARM_CELLS = {"arm": (63, 63, 18, 18), "car": (48, 48, 32)}
+WARMED = [
+    ("arm", "certified"),
+    ("car", "certified"),
+    ("arm", "hji"),
+    ("car", "hji"),
+    ("arm", "projected"),
+    ("arm", "lax"),
+]
 
 
 class Refusal(click.ClickException):
@@ -470,7 +482,7 @@ def new_command(file: Path) -> None:
     if file.exists():
         raise ValueError(f"{file} exists; choose another name")
     with replaced_whole(file) as temporary:
-        temporary.write_text(Path(__file__).with_name("new_robot.txt").read_text(encoding="utf-8"), encoding="utf-8")
+        temporary.write_text(NEW_ROBOT.read_text(encoding="utf-8"), encoding="utf-8")
     table = file.with_suffix(".h5")
     click.echo(f"{file}: a car that you can change. Next: sdhj solve {file}:problem --method certified -o {table}")
 
@@ -479,23 +491,32 @@ def new_command(file: Path) -> None:
 @plainly
 def warmup() -> None:
     """Compile every kernel and store it in the disk cache."""
-    compile_kernels(tuple(METHODS), click.echo)
+    with ProcessPoolExecutor(
+        min(2, os.cpu_count() or 1), get_context("spawn")
+    ) as pool:  # compilers wait for each other
+        found = {pool.submit(compile_kernels, *one): " by ".join(one) for one in WARMED}
+        for one in as_completed(found):
+            click.echo(f"{found[one]}: {one.result():.1f} s")
 
 
-def compile_kernels(methods: Sequence[str] = INTERPOLATED, say: Callable[[str], Any] = lambda line: None) -> None:
-    """Compile every kernel that the methods and the controller need, by solving a small problem."""
-    for method in methods:
-        began = time.perf_counter()
-        say(f"warming up {method}")
-        chosen = Certified(cells=WARM_CELLS) if method == "certified" else method
-        with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
-            table = solve(arm_case_study(nodes=9, steps=2), chosen, progress=False)
-        monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
-        if method == "certified":
-            with TemporaryDirectory() as folder:
-                table.save(path := Path(folder) / "certified.h5")
-                check(path, samples=10, progress=False)
-        say(f"  {time.perf_counter() - began:.1f} s")
+def compile_kernels(robot: str, method: str) -> float:
+    """Compile every kernel that a small problem of a robot calls with a method, and the controller; the seconds."""
+    began, certified = time.perf_counter(), method == Certified.name
+    problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
+    with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
+        table = solve(problem, Certified(cells=WARM_CELLS[robot]) if certified else method, progress=False)
+    monte_carlo(Controller(table), runs=10, adversary="worst", seed=0, progress=False)
+    if certified:
+        with TemporaryDirectory() as folder:
+            table.save(path := Path(folder) / "certified.h5")
+            check(path, samples=10, progress=False)
+    return time.perf_counter() - began
+
+
+def new_robot() -> ReachAvoidProblem:
+    """The robot that `sdhj new` writes."""
+    problem: ReachAvoidProblem = runpy.run_path(str(NEW_ROBOT))["problem"]()
+    return problem
 
 
 def command() -> None:

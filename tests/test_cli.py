@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -14,8 +15,7 @@ from forging import forged
 from toys import torus_problem, unicycle_problem
 
 import sdhj
-from sdhj import cli
-from sdhj.cli import WARM_CELLS, main
+from sdhj.cli import METHODS, WARM_CELLS, main, new_robot
 
 
 def run(*arguments):
@@ -275,17 +275,42 @@ def test_a_header_with_a_hole_is_damage(own, tmp_path):
     assert result.exit_code == 2 and "not a look-up table that can be read" in result.output
 
 
+SOLVES = """
+import sdhj
+from sdhj.certified.check import verify
+from sdhj.cli import new_robot
+for problem, method in [
+    (sdhj.arm_case_study(nodes=9, steps=3), "hji"),
+    (sdhj.arm_case_study(nodes=9, steps=3), "projected"),
+    (sdhj.arm_case_study(nodes=9, steps=3), "lax"),
+    (sdhj.arm_case_study(nodes=9, steps=2), sdhj.Certified(cells=(60, 60, 17, 17))),
+    (new_robot(), "hji"),
+    (new_robot(), sdhj.Certified(cells=(40, 40, 24))),
+]:
+    table = sdhj.solve(problem, method, progress=False)
+    sdhj.Controller(table).select(table.grid.points()[table.contains(table.grid.points())][0], 0)
+    if table.proved:
+        table.save("table.h5")
+        assert verify("table.h5", samples=10, progress=False).ok
+"""
+
+
 @pytest.mark.slow
-def test_warmup_covers_every_method(monkeypatch):
-    """The tubes of its certified table grow, so that their kernels run too; it is played and verified."""
-    verified, verify = [], cli.check
-    monkeypatch.setattr(cli, "check", lambda *args, **options: verified.append(verify(*args, **options)))
-    result = run("warmup")
-    assert result.exit_code == 0, result.output
-    for method in ("hji", "projected", "lax", "certified"):
-        assert f"warming up {method}" in result.output
-    assert len(verified) == 1 and verified[0].ok and all(claim.checked > 0 for claim in verified[0].claims)
-    table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), sdhj.Certified(cells=WARM_CELLS), progress=False)
+def test_warmup_leaves_nothing_to_compile(tmp_path):
+    """Two processes find room beside each other in an empty cache, and what users solve then compiles nothing."""
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    done = ran(f"{sys.executable} -m sdhj warmup", env=env)
+    assert done.returncode == 0 and all(f" by {method}: " in done.stdout for method in METHODS), done.stderr
+    compiled = set(tmp_path.rglob("*.code"))
+    assert compiled
+    done = ran(f"{sys.executable} -c '{SOLVES}'", env=env, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert set(tmp_path.rglob("*.code")) == compiled
+
+
+def test_what_warms_up_grows_tubes():
+    """So that the kernels that join tubes are called."""
+    table = sdhj.solve(new_robot(), sdhj.Certified(cells=WARM_CELLS["car"]), progress=False)
     assert table.fraction(start=0, within=0) < table.fraction(start=0, within=1) < table.fraction(start=0, within=2)
 
 

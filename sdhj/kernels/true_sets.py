@@ -48,38 +48,53 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
     return far
 
 
+@kernel(inline="always")
+def _on_axis(x, axis, lattice, faces):
+    """A coordinate, between the faces of a bounded axis and in the period of another."""
+    x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
+    if lattice.periodic[axis]:
+        x = turned(x, faces[2 * lattice.shape.size + axis], faces[3 * lattice.shape.size + axis])
+    return x
+
+
+@kernel(**UNCOUNTED)
+def _place_corners(at, state, j, box, lattice, faces, samples):
+    """Write, from `at` on, the corners of the sum of a box and segments (apart: in `place_points` all boxes pay)."""
+    (ends, column), (points, past), ndim = box, samples, state.size
+    boxed = is_held(state, ends, column, j, faces[4 * ndim :])
+    for corner in range(1 << ndim):
+        out = False
+        for axis in range(ndim):
+            x = state[axis] + ends[(corner >> (ndim - 1 - axis)) & 1, j, axis, column]
+            x += _farthest(ends, column, j, corner, axis, lattice.spacing, boxed)
+            out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
+            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+        past[at + corner] = 1 if out else 0
+
+
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, box, lattice, look, samples):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
-    sums = ends.shape[0] > PATH
-    boxed = sums and is_held(state, ends, column, j, faces[4 * ndim :])
     for i in range(times.size):  # the state, the path, the corners
-        sample, share, out, lost = (
-            at + (last if i == 0 else i - 1 if i <= last else i),
-            i / CHECKED_INSTANTS,
-            False,
-            False,
-        )
+        sample, share = at + (last if i == 0 else i - 1 if i <= last else i), i / CHECKED_INSTANTS
+        out = lost = False
         for axis in range(ndim):
             x = state[axis]
             if i > last:
                 x += ends[((i - last - 1) >> (ndim - 1 - axis)) & 1, j, axis, column]
-                if sums:
-                    x += _farthest(ends, column, j, i - last - 1, axis, lattice.spacing, boxed)
             elif i > 0:
                 x += share * ends[2, j, axis, column]
                 x += share * share * ends[3, j, axis, column]
                 lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            x = min(max(x, faces[axis]), faces[ndim + axis])
-            if lattice.periodic[axis]:
-                x = turned(x, faces[2 * ndim + axis], faces[3 * ndim + axis])
-            points[sample, axis] = x
+            points[sample, axis] = _on_axis(x, axis, lattice, faces)
         gone |= out & (i <= last)
         past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
         points[sample, ndim] = times[sample - at]
+    if ends.shape[0] > PATH and times.size > 1:
+        _place_corners(at + last + 1, state, j, box, lattice, faces, samples)
 
 
 @kernel(**UNCOUNTED)

@@ -57,8 +57,8 @@ class LookupScratch(NamedTuple):
     node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
-    Of segments: looks (L, K), how many points of each are looked at; the boxes around one point of their sum, moved
-    (2, L, ndim, 1), and what is worst in them, worst (L,); held (2 ndim,): walls.
+    Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
+    points of each are looked at; held (2 ndim,): walls.
     """
 
     hull: Any
@@ -71,9 +71,7 @@ class LookupScratch(NamedTuple):
     offsets: Any
     values: Any
     centre: Any
-    checks: Any
     moved: Any
-    worst: Any
     held: Any
 
 
@@ -168,19 +166,19 @@ def is_held(state, ends, column, j, held):
 @kernel(**UNCOUNTED)
 def _looks_at(state, ends, column, lattice, scratch):
     """Write how many points of each segment are looked at, 0 where its box is; returns the most of their sums."""
-    most, checks = 1, scratch.checks
+    most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
-        points = 1
-        for k in range(checks.shape[1]):
+        points = 1.0
+        for k in range(checks.shape[0]):
             cells = 0.0
             for axis in range(state.size):
                 cells = max(cells, abs(ends[PATH + k, j, axis, column]) / lattice.spacing[axis])
-            checks[j, k] = 1 + int(np.ceil(min(A_CELL * cells, MOST_POINTS)))
-            points = min(points * checks[j, k], MOST_POINTS + 1)
+            checks[k, j, 0, 0] = 1.0 + np.ceil(min(A_CELL * cells, MOST_POINTS))
+            points = min(points * checks[k, j, 0, 0], MOST_POINTS + 1.0)
         if points > MOST_POINTS or is_held(state, ends, column, j, scratch.held):
-            checks[j], points = 0, 1
+            checks[:, j], points = 0.0, 1.0
         most = max(most, points)
-    return most
+    return int(most)
 
 
 @kernel(**UNCOUNTED)
@@ -188,13 +186,11 @@ def _move(point, ends, column, scratch):
     """Write the boxes of all inputs around a point of the sum of their segments, by its number."""
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
-            scratch.moved[0, j, axis, 0], scratch.moved[1, j, axis, 0] = (
-                ends[0, j, axis, column],
-                ends[1, j, axis, column],
-            )
+            for side in range(2):
+                scratch.moved[side, j, axis, 0] = ends[side, j, axis, column]
         left = point
-        for k in range(scratch.checks.shape[1]):
-            checks, share, wider = scratch.checks[j, k], 0.0, 1.0
+        for k in range(ends.shape[0] - PATH):
+            checks, share, wider = int(scratch.moved[2 + k, j, 0, 0]), 0.0, 1.0
             if checks > 0:
                 share, wider = 2.0 * (left % checks) / max(checks - 1, 1) - (checks > 1), 0.0
                 left //= checks
@@ -212,20 +208,18 @@ def _worst_values(values, state, ends, column, order, lattice, scratch, out):
     no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
     """
     _gather(values, state, column, order, lattice, scratch)
-    if ends.shape[0] == PATH:
-        _worst_in_boxes(state, ends, column, order, lattice, scratch, out)
-        return
     out[:] = -np.inf
-    for point in range(_looks_at(state, ends, column, lattice, scratch)):
-        _move(point, ends, column, scratch)
-        _worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, scratch.worst)
-        for j in range(out.size):
-            out[j] = max(out[j], scratch.worst[j])
+    alone = ends.shape[0] == PATH
+    for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
+        if not alone:
+            _move(point, ends, column, scratch)
+        boxes, of = (ends, column) if alone else (scratch.moved, 0)
+        _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
 
 
 @kernel(**UNCOUNTED)
-def _worst_in_boxes(state, ends, column, order, lattice, scratch, out):
-    """out[j] = maximum of the interpolated values that were gathered over the box of input j around a state.
+def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
+    """Raise out[j] to the maximum of the interpolated values that were gathered over the box of input j around a state.
 
     The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
     unsafe end has +inf, one that is past a safe end with all it has -inf.
@@ -245,7 +239,7 @@ def _worst_in_boxes(state, ends, column, order, lattice, scratch, out):
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - scratch.begin[a]) * rest[a + 1]
                 _reduce(scratch.values, source, last - first + 2, rest[a + 1], near, far)
-        out[j] = np.inf if lost else -np.inf if left else scratch.values[1]
+        out[j] = np.inf if lost else out[j] if left else max(out[j], scratch.values[1])
 
 
 @kernel(**UNCOUNTED)
@@ -368,7 +362,7 @@ def working_room(columns, ndim, inputs, size, segments, held):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
-    sums = np.empty((inputs, segments), np.int64), np.empty((2, inputs, ndim, 1)), np.empty(inputs), held
+    sums = np.empty((2 + segments, inputs, ndim, 1)), held
     return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
