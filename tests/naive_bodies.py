@@ -58,9 +58,7 @@ def apart(one, other):
         for c, d in edges(other):
             if turn(a, b, c) * turn(a, b, d) <= 0 and turn(c, d, a) * turn(c, d, b) <= 0:
                 return 0.0
-            nearest = min(
-                nearest, to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)
-            )
+            nearest = min(nearest, to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b))
     return nearest
 
 

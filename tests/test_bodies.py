@@ -1,4 +1,4 @@
-"""Bodies: signed distances against plain loops, fences, poses, covers of disks; and a robot that turns out of a corridor."""
+"""Bodies: distances against plain loops, fences, poses, covers of disks; a robot that turns out of a corridor."""
 
 import naive_bodies as naive
 import numpy as np
@@ -97,7 +97,9 @@ def test_what_moves_is_swept():
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.03])
-@pytest.mark.parametrize("shape", [ROBOT, SHAPES["segment"], [[0, 0], [0.8, 0], [0.8, 0.3], [0.3, 0.3], [0.3, 0.9], [0, 0.9]]])
+@pytest.mark.parametrize(
+    "shape", [ROBOT, SHAPES["segment"], [[0, 0], [0.8, 0], [0.8, 0.3], [0.3, 0.3], [0.3, 0.9], [0, 0.9]]]
+)
 def test_disks_cover_a_body_and_reach_no_farther_than_allowed(shape, tolerance):
     disks, rng = cover(Body(shape), tolerance), np.random.default_rng(0)
     body = shapely.Polygon(shape) if len(shape) > 2 else shapely.LineString(shape)
@@ -111,7 +113,7 @@ def test_disks_cover_a_body_and_reach_no_farther_than_allowed(shape, tolerance):
 
 
 def test_a_footprint_on_a_map_is_seen_whole_and_not_much_larger():
-    """<= 0 wherever the robot meets a blocked pixel; below the truth by the tolerance and a pixel's diagonal at most."""
+    """<= 0 wherever the robot meets a blocked pixel; below the truth by the tolerance and half a diagonal at most."""
     rng, side, origin = np.random.default_rng(0), 0.1, (-1.0, 0.5, 0.4)
     blocked = rng.random((20, 30)) < 0.02
     part = UnsafeSet.from_map(blocked, (0, 1, 2), resolution=side, origin=origin, footprint=ROBOT, tolerance=0.03)
@@ -182,7 +184,9 @@ def test_a_long_robot_turns_out_of_a_corridor():
         for _ in range(8):
             one = q[alive]
             for _ in range(5):
-                drift = np.stack([u[:, 0] * np.cos(one[:, 2]) + v[:, 0], u[:, 0] * np.sin(one[:, 2]) + v[:, 1], u[:, 1]], 1)
+                drift = np.stack(
+                    [u[:, 0] * np.cos(one[:, 2]) + v[:, 0], u[:, 0] * np.sin(one[:, 2]) + v[:, 1], u[:, 1]], 1
+                )
                 one = one + 0.01 * drift
             q[alive] = one
             c, s = np.cos(one[:, 2:]), np.sin(one[:, 2:])

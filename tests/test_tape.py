@@ -318,8 +318,10 @@ def test_intervals_of_tables_hold_what_is_exact(axes):
 def test_bounds_of_boxes_with_many_nodes(shape):
     """They hold all values in a box, and are those of a box that is longer by at most a quarter of its longest side."""
     rng = np.random.default_rng(len(shape))
-    steps = [np.cumsum(rng.normal(size=n)).reshape([-1 if k == axis else 1 for k in range(len(shape))])
-             for axis, n in enumerate(shape)]
+    steps = [
+        np.cumsum(rng.normal(size=n)).reshape([-1 if k == axis else 1 for k in range(len(shape))])
+        for axis, n in enumerate(shape)
+    ]
     table, last = sum(steps) + rng.normal(size=shape), np.array(shape) - 1.0
     formula = Formula.traced("a table", sdhj.gridded(table, [-1.0] * len(shape), [0.5] * len(shape)), len(shape), 0)
     low, high = np.sort(rng.uniform(-0.1, 1.1, (2, 300, len(shape))), axis=0) * last

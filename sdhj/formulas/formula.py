@@ -24,7 +24,7 @@ from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
-from sdhj.kernels.tape import Tape, packed
+from sdhj.kernels.tape import Packable, Tape, packed
 
 WIDE = 1e-6  # of an interval at one point, beside 1 and its value: there is a jump
 BESIDE = 1e-7  # of a coordinate, beside 1: so far off is what is not on a line
@@ -232,7 +232,7 @@ class Formula:
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
-def program(outputs: Sequence[Node]) -> tuple[FloatArray | list[FloatArray], ...]:
+def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     """The arrays of a `Tape` that computes some nodes; a slot is used again once nothing more reads it."""
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}

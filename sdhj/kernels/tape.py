@@ -34,14 +34,17 @@ LARGEST = np.finfo(np.float64).max
 FALLS, ABSOLUTE, DIRECT, ERROR, NEAR_ZERO, LOWEST, HIGHEST, COLUMNS = range(8)  # columns of what is known
 
 
+Packable = FloatArray | list[FloatArray]
+
+
 class Tape(NamedTuple):
     """A formula, ready to be played: seven arrays, `packed`. A result may be in the slot of an operand.
 
     code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one); of `x`
     and `p` a is the number of the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many.
     outputs (K,): slots of the results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first
-    entry in `tables`, where its `pyramid` follows. value (n,) float64: of `const`; the exponent of `power`. places (G, 12): 6 times lower, 6 times
-    spacing. tables (T,)
+    entry in `tables`, where its `pyramid` follows. value (n,) float64: of `const`; the exponent of `power`. places
+    (G, 12): 6 times lower, 6 times spacing. tables (T,)
     """
 
     ints: FloatArray
@@ -62,7 +65,7 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
     return found
 
 
-def packed(*arrays: FloatArray | list[FloatArray]) -> Tape:
+def packed(*arrays: Packable) -> Tape:
     """Arrays one behind the other, in one of whole numbers and one of others: Python hands over few arrays sooner.
 
     Where the k-th begins and ends stands before the whole numbers; `part` finds it. One that is a list is of its arrays
@@ -492,7 +495,7 @@ def _of_blocks(lookup, tables, first, last):
         index, rest, step = np.int64(0), np.int64(number), np.int64(1)
         for axis in range(axes - 1, -1, -1):
             begin, nodes = first[axis] >> level, ((lookup[7 + axis] - 1) >> level) + 1
-            many = (last[axis] >> level) - begin + 1  # obligation 7.31
+            many = (last[axis] >> level) - begin + 1  # obligation 7.35
             index += step * (begin + rest % many)
             rest, step = rest // many, step * nodes
         low, high = min(low, tables[start + index]), max(high, tables[start + size + index])

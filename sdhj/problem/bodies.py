@@ -51,7 +51,7 @@ class Part(NamedTuple):
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
     """The convex body with these corners, counter-clockwise, or one or two; its edges are so much farther out."""
     if len(corners) == 1:
-        return Part(corners, *np.zeros((2, 0, 2)), np.zeros(0))
+        return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     begin, end = corners, np.roll(corners, -1, axis=0)
     along = (end - begin) / np.hypot(*(end - begin).T)[:, None]
     if len(corners) == 2:  # beyond its ends are edges of no length
@@ -200,7 +200,7 @@ def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
     return cosine * (x - a) + sine * (y - b), cosine * (y - b) - sine * (x - a), heading - turned
 
 
-POINT = Body([[0.0, 0.0]], pose=lambda points, t: (points[:, 0], points[:, 1], 0.0))
+POINT = Body(np.zeros((1, 2)), pose=lambda points, t: (points[:, 0], points[:, 1], 0.0))
 Footprint = Any  # vertices, a Body, or several
 
 

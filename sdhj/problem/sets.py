@@ -15,8 +15,8 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import axis_numbers, number, option, pair
 from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
+from sdhj.problem.checks import axis_numbers, number, option, pair
 from sdhj.problem.maps import map_distance
 from sdhj.problem.polygons import polygon_level_set
 from sdhj.problem.tubes import table_level_set
@@ -217,11 +217,12 @@ class UnsafeSet:
         name: str = "box",
     ) -> "UnsafeSet":
         """The box from its lower left corner (x, y) to the upper right one, m; else as `polygon`."""
-        (left, low), (right, high) = (pair(f"{which} of {name!r}", one) for which, one in
-                                      (("lower", lower), ("upper", upper)))
+        (left, low), (right, high) = (
+            pair(f"{which} of {name!r}", one) for which, one in (("lower", lower), ("upper", upper))
+        )
         if not (left < right and low < high):
             raise ValueError(f"lower must be below upper in both coordinates, got {lower} and {upper}")
-        body = Body([[left, low], [right, low], [right, high], [left, high]], radius, pose)
+        body = Body(np.array([[left, low], [right, low], [right, high], [left, high]]), radius, pose)
         return cls._of(body.outside if outside else body.parts, body, axes, footprint, name)
 
     @classmethod
@@ -236,7 +237,7 @@ class UnsafeSet:
         name: str = "disk",
     ) -> "UnsafeSet":
         """The disk with a centre (x, y) and a radius, m; else as `polygon`."""
-        body = Body([pair(f"centre of {name!r}", centre)], radius, pose)
+        body = Body(np.array([pair(f"centre of {name!r}", centre)]), radius, pose)
         return cls._of(body.parts, body, axes, footprint, name)
 
     @classmethod
