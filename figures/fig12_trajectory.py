@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 from common import Context, command_of, set_legend
-from matplotlib.animation import PillowWriter
+from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from PIL import Image
 
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
@@ -82,17 +84,20 @@ def draw_frames(axes: Sequence[Axes], problem: ReachAvoidProblem, run: Trajector
 def save_animation(
     table: Table, run: Trajectory, path: Path, *, frames: int = 41, rate: int = 12, dpi: int = 90
 ) -> Path:
-    """Write a run as an animated GIF: slower than life, and still for a moment at its end."""
+    """Write a run as an animated GIF: slower than life, and still for half a second at its end."""
     shown = np.unique(np.linspace(0, len(run.times) - 1, min(frames, len(run.times))).astype(int))
-
-    with replaced_whole(path) as temporary, plotting.style():
-        figure = plotting.new_figure(6.4, 3.3, layout="none")  # one layout for all frames, and quick
-        writer = PillowWriter(fps=rate)
-        with writer.saving(figure, str(temporary), dpi=dpi):
-            for index in [*shown, *[shown[-1]] * (rate // 2)]:
-                draw_moment(figure, table, run, index=int(index))
-                figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
-                writer.grab_frame()
+    pictures, lasts = [], [round(1000 / rate)] * len(shown)
+    lasts[-1] += 500
+    with plotting.style(), rc_context({"axes.titley": 1.0}):  # else each frame is laid out twice, for its titles
+        figure = plotting.new_figure(6.4, 3.3, layout="none", dpi=dpi)  # one layout for all frames, and quick
+        canvas = FigureCanvasAgg(figure)  # one for all frames: it keeps its letters
+        for index in shown:
+            draw_moment(figure, table, run, index=int(index))
+            figure.subplots_adjust(left=0.08, right=0.985, bottom=0.125, top=0.92, wspace=0.24)
+            canvas.draw()
+            pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    with replaced_whole(path) as temporary:
+        pictures[0].save(temporary, "GIF", save_all=True, append_images=pictures[1:], duration=lasts, loop=0)
     return path
 
 

@@ -38,8 +38,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "default": {"linewidth": 0.8, "markersize": 2.5},
 }
 ROUNDS = 3
-SHORT = 8.0  # seconds of rounds after which no other begins: what takes longer scatters less
-ENOUGH = 1.0  # seconds of steps of the recursion that are timed, or one step
+SHORT = 2.0  # seconds of a method's rounds after which it has no other: what takes longer scatters less
+ENOUGH = 0.5  # seconds of steps of the recursion that are timed, or one step
 LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
 
@@ -68,10 +68,14 @@ def measure(nodes: Sequence[int], say: Callable[[str], Any]) -> Measured:
         whole = [tuple(range(problem.grid.ndim))]
         updates = [node_updates(problem, spaces) for spaces in (whole, default_subspaces(problem))]
         for name, methods in SCHEMES.items():
-            rounds, began = list[list[float]](), time.process_time()
-            while len(rounds) < ROUNDS and (not rounds or time.process_time() - began < SHORT):
-                rounds.append([seconds_of_a_thread(problem, method) for method in methods.values()])
-            seconds = np.min(rounds, axis=0).tolist()
+            rounds: dict[str, list[float]] = {method: [] for method in methods}
+            taken = dict.fromkeys(methods, 0.0)
+            for method in [*methods] * ROUNDS:
+                if taken[method] < SHORT:
+                    began = time.process_time()
+                    rounds[method].append(seconds_of_a_thread(problem, methods[method]))
+                    taken[method] += time.process_time() - began
+            seconds = [min(own) for own in rounds.values()]
             if count not in nodes:
                 continue
             for method, spent, updated in zip(methods, seconds, updates, strict=True):

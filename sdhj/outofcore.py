@@ -25,6 +25,7 @@ from sdhj.problem.cost import Meter, begin
 from sdhj.problem.describing import arrays_of
 from sdhj.problem.memory import available, require
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.simulation.played import played
 from sdhj.solver.avoid import dangers
 from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, Method
@@ -88,7 +89,7 @@ def solve_stored(
         recursion(sets, problem.steps, meter.tube)
         details = {"tubes_shared": sets.shared, "slabs": plan.layout.slabs, "seconds": time.perf_counter() - started}
         store.finish(sets.table.index, method.options | details)
-    return load_stored(path, problem, check=False)
+    return load_stored(path, problem, check=False, player=played)
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
@@ -133,7 +134,7 @@ def taken(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) 
         "steps=None": problem.steps is None,
         "sensing": problem.sensing,
         "dynamics that depend on time": problem.dynamics.timed,
-        "safe ends": problem.grid.has("safe"),
+        "safe ends": problem.grid.has("frees"),
     }
     if reason := next((reason for reason, applies in reasons.items() if applies), None):
         raise ValueError(f"a store does not take {reason}{INSTEAD}")
@@ -177,7 +178,7 @@ def planned(
             break
         plan = replace(plan, width=-(-shape[axis] // slabs))
     if plan.layout.slabs > 1:
-        problem._static.clear()  # what has been sampled of the whole grid is neither kept nor sent
+        problem.forget_samples()  # what has been sampled of the whole grid is neither kept nor sent
     require(needed := task_bytes(plan), f"a slab of {plan.width} of {shape[axis]} nodes along axis {axis}")
     if not cut and needed > room:
         raise MemoryError(

@@ -19,17 +19,17 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.suspected import suspicions
 from sdhj.simulation.played import judged_at_the_end, played
 from sdhj.solver.avoid import dangers
-from sdhj.solver.former import Former, Kept
+from sdhj.solver.former import Former
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
-from sdhj.table.batches import PLAYER, Table
+from sdhj.table.batches import Table
 from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
+from sdhj.table.keeping import Kept
 from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
 
-PLAYER.append(played)
 METHODS = {kind.name: kind for kind in (HJI, Projected, HopfLax, Certified)}  # by which `solve` knows them
 
 
@@ -123,7 +123,7 @@ def solve(
         for finding in suspicions(problem):
             tell(finding)
         sets = _filled(problem, method, progress, most)
-        table = _reusable(sets.finish({"seconds": time.perf_counter() - started}), method)
+        table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
         said = _rehearsed(table) if play else {}
         if found:
             said = said | {"findings": [list(one[:3]) for one in found]}
@@ -196,14 +196,14 @@ def resolve(
     started = time.perf_counter()
     with announced(progress):
         sets = _filled(problem, chosen, progress, most, former)
-        return _reusable(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+        return _handed_out(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
 
 
-def _reusable(table: Table, method: Method, former: Former | None = None) -> Table:
-    """The table with what it keeps for `resolve`."""
-    if not isinstance(table, LookupTable):
-        return table
-    return replace(table, reusable=Kept(method, former.each, former.still) if former else Kept(method))
+def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
+    """The table with a player, and with what it keeps for `resolve`."""
+    kept = Kept(method, former.each, former.still) if former else Kept(method)
+    fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
+    return cast(Table, replace(cast(Any, table), player=played, **fields))
 
 
 def _rehearsed(table: Table) -> dict[str, Any]:
@@ -299,9 +299,9 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
     if isinstance(path, str | os.PathLike) and is_store(path):
-        return load_stored(path, problem)
+        return load_stored(path, problem, player=played)
     with opened(path) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
         require_entries(head, file)
         problem = problem_of_file(path, head, arrays_in(file), problem)
-        return kind.read(head, file, problem)
+        return replace(kind.read(head, file, problem), player=played)

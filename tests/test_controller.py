@@ -14,6 +14,7 @@ import pytest
 import toys
 
 import sdhj
+from sdhj.kernels import read_only
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import CHECKED_INSTANTS, settle
 from sdhj.table.batches import CHUNK, Batch, Table
@@ -219,6 +220,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)
             table.value_array(step, n)[:] = np.minimum(lower, table.value_array(step, max(n - 1, 0)) if n else np.inf)
             table.mark_array(step, n)[:] = rng.integers(0, 256, table.mark_array(step, n).shape) | 15
+    read_only((table.index, table.tubes, table.marks))  # as solved ones are
     controller = Controller(table)
     seen = set()
     for step in range(3):

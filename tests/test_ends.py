@@ -165,5 +165,5 @@ def test_ends_that_are_none_are_refused(ends):
 
 
 def test_periodic_axes_have_no_ends():
-    low, high = Grid([0.0, 0.0], [1.0, 1.0], [9, 9], [True, False]).faces("unsafe")
+    low, high = Grid([0.0, 0.0], [1.0, 1.0], [9, 9], [True, False]).faces("fails")
     assert low.tolist() == [-np.inf, 0.0] and high.tolist() == [np.inf, 1.0]

@@ -15,6 +15,7 @@ import pytest
 from test_safety import double_integrator
 
 import sdhj
+from sdhj.kernels import read_only
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.simulation.adversaries import first_moment, greedy, level_of_unsafe, reckless
 from sdhj.simulation.played import judged_at_the_end
@@ -166,7 +167,7 @@ def filtering(table: Any, wanted: int) -> Any:
 
 def by_distance(table: Any) -> Any:
     """The table with inputs chosen by the distance, which is what drives a runner to the tip of the barrier."""
-    return replace(table, tubes=np.stack([table.tubes[0]] * 2))
+    return replace(table, tubes=read_only(np.stack([table.tubes[0]] * 2)))
 
 
 @pytest.fixture(scope="module")

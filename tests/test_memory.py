@@ -114,7 +114,7 @@ def test_step_is_the_loop(fast):
 def test_with_a_delay_and_a_clock_that_is_off(sensing, share, tmp_path):
     table = solved(0.01, cells=(1000, 400), **sensing)
     assert table.fraction() > share
-    report = sdhj.monte_carlo(sdhj.Controller(table), 60, adversary="random", seed=0, steps=150, progress=False)
+    report = sdhj.monte_carlo(sdhj.Controller(table), 60, adversary="random", seed=0, steps=60, progress=False)
     assert report.rate("reached") == 1.0
     table.save(tmp_path / "table.h5")
     assert (verdict := verify(tmp_path / "table.h5", progress=False)).ok, str(verdict)

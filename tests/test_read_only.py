@@ -32,6 +32,7 @@ LEFT_OUT = (
     "mask_array",
     "share",
     "reusable",
+    "player",
 )  # slow, or a table's own
 
 

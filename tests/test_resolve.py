@@ -46,7 +46,7 @@ def changes(problem):
     if sets:
         yield replace(problem, unsafe=(moved(sets[0]), *sets[1:]))
         yield replace(problem, unsafe=(moved(sets[0]), *map(moved, sets[1:])))
-    if len(sets) > 1 or (sets and problem.grid.has("unsafe")):
+    if len(sets) > 1 or (sets and problem.grid.has("fails")):
         yield replace(problem, unsafe=sets[1:])
         yield replace(problem, unsafe=sets[::-1])
     middle = (np.array(problem.grid.lower) + problem.grid.upper)[:1] / 2

@@ -130,3 +130,50 @@ def test_kernels_take_few_arguments() -> None:
         for path, one in kernels
     }
     assert {name: count for name, count in counts.items() if count > 8} == {}
+
+
+def back_doors(module: ast.Module) -> list[str]:
+    """Where a frozen object is written but by itself as it is made, or others fill a list or cache of a file."""
+    own = {
+        id(node)
+        for one in functions(module)
+        if one.name in ("__init__", "__post_init__", "_check_parts")
+        for node in ast.walk(one)
+        if isinstance(node, ast.Call) and node.args and ast.unparse(node.args[0]) == "self"
+    }
+    found = []
+    for node in ast.walk(module):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            if called in ("object.__setattr__", "object.__new__") and id(node) not in own:
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+        if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store | ast.Del):
+            if ast.unparse(node.value).startswith("vars(") or ast.unparse(node.value).endswith(".__dict__"):
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+    for node in module.body:
+        value = getattr(node, "value", None)
+        if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(value, ast.Call | ast.List):
+            name = ast.unparse(node.targets[0] if isinstance(node, ast.Assign) else node.target)
+            if not name.startswith("_") and (ast.unparse(value) == "[]" or ast.unparse(value).startswith("Weak")):
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+    return found
+
+
+def test_there_are_no_back_doors() -> None:
+    assert {str(path): found for path in FILES if (found := back_doors(tree(path)))} == {}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def f(one):\n    object.__setattr__(one, 'a', 1)",
+        "class A:\n    def __post_init__(self):\n        object.__setattr__(self.b, 'a', 1)",
+        "one = object.__new__(A)",
+        "vars(one)['a'] = 1",
+        "one.__dict__['a'] = 1",
+        "PLAYERS: list[int] = []",
+        "SAMPLES = WeakValueDictionary[int, int]()",
+    ],
+)
+def test_planted_back_door_is_found(source: str) -> None:
+    assert back_doors(ast.parse(source))

@@ -7,6 +7,7 @@ import numpy as np
 
 import sdhj
 from sdhj import Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
+from sdhj.kernels import read_only
 
 
 def interval_problem(
@@ -80,7 +81,7 @@ def one_row(table):
         for array in (table.value_array, table.mark_array)
     )
     index = [within for start in range(table.steps + 1) for within in range(table.steps - start + 1)]
-    return replace(table, index=np.array(index), tubes=tubes, marks=marks)
+    return replace(table, **read_only({"index": np.array(index), "tubes": tubes, "marks": marks}))
 
 
 @cache

@@ -179,7 +179,7 @@ class Game:
         self.problem, self.grid, self.scheme = problem, problem.grid, scheme or Scheme()
         self.games = games = HJIGames(problem, self.scheme)
         assert games.shifted and games.by_formula(games.axes) and not problem.has_no_target and not problem.sensing
-        assert not any(self.grid.has(end) for end in ("safe", "unsafe")) and problem.view_time == "swept"
+        assert not any(self.grid.has(fate) for fate in ("frees", "fails")) and problem.view_time == "swept"
         self.steps, self.count, self.size = problem.steps or 0, len(problem.inputs), self.grid.size
         still: Any = games.velocities(0, games.axes, 0, drift=False)
         layout, terms = layout_of(self.grid, self.scheme.order), together(self.grid, [still], self.scheme)

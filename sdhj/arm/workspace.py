@@ -84,6 +84,7 @@ class _Path:
     """
 
     def __post_init__(self) -> None:
+        """Check the numbers of the path; ValueError where one does not fit."""
         for name, value in vars(self).items():
             of_two = name in ("centre", "start", "velocity")
             least = 0.0 if name == "radius" else -np.inf
@@ -183,6 +184,7 @@ class Disk:
     radius: float
 
     def __post_init__(self) -> None:
+        """Check path and radius; ValueError where one does not fit."""
         if not isinstance(self.path, Still | Line | Circle):
             raise ValueError(f"path of a disk must be a Still, Line or Circle, got {self.path!r}")
         object.__setattr__(self, "radius", number("radius of the disk", self.radius, least=0.0))
@@ -238,6 +240,7 @@ class Arm:
     kinematics: str = "relative"
 
     def __post_init__(self) -> None:
+        """Check lengths, half-width and kinematics; ValueError where one does not fit."""
         object.__setattr__(self, "lengths", pair("lengths", self.lengths, above=0.0))
         object.__setattr__(self, "half_width", number("half_width", self.half_width, least=0.0))
         option("kinematics", self.kinematics, KINEMATICS)

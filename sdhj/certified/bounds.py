@@ -125,17 +125,17 @@ class Bounds:
 
 
 def _sign(bounds: FloatArray) -> FloatArray:
-    """1 where least and greatest value (2, M) are > 0, -1 where they are <= 0."""
+    """1 where the least of the values (2, M) is > 0, -1 where the greatest is <= 0, else 0."""
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
 def _some(places: FloatArray) -> Iterator[FloatArray]:
-    """`BOXES` of them at a time."""
+    """The places in runs of `BOXES`."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 
 def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
-    """Of each axis some of its numbers: (M, axes)."""
+    """The points whose coordinate on axis i is ends[i][at[i]]: (M, axes)."""
     return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
 
 

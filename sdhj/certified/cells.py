@@ -53,7 +53,7 @@ def exact(value: float) -> Fraction:
 
 
 def measured(value: float) -> Fraction:
-    """As `exact`, or the short decimal that twelve digits are: the 0.6000000000000001 of a range means six tenths."""
+    """A number exactly, or the short decimal that its twelve digits are: 0.6000000000000001 means six tenths."""
     short = _decimal(float(value), "", EXACT_DIGITS)
     return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
 
@@ -99,6 +99,7 @@ class CellAxis:
     layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end
 
     def __post_init__(self) -> None:
+        """ValueError where the cells do not cover the axis with each of them needed."""
         if (self.count - sum(self.layers) - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
@@ -203,13 +204,13 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     grid, sensing = problem.grid, problem.sensing
     known = not (np.any(sensing.error) or sensing.delay) and problem.dynamics.reads[:, axis].any()
     # obligation 1.3
-    lower, upper = (int(known and end == "wall" and not grid.periodic[axis]) for end in grid.ends[axis])
+    lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
     return lower, upper
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
     """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
-    walls = [end == "wall" and not grid.periodic[axis] for end in grid.ends[axis]]
+    walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
     ]:

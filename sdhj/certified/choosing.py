@@ -2,25 +2,28 @@
 
 *What is lost.* Where a set's boundary moves inwards by w along axis k, the set loses the share m_k w of itself: m_k
 counts how often lines along the axis cross the boundary, for each unit of length that they are inside. From one step to
-the next the boundary of a tube turns as velocities carry it, m becomes (1 + delta |J|)^T m, where |J_ik| is how much
-wider bounds on the velocity along axis i are in a box of width 1 along axis k. With cells of width w a step loses
-m_i delta |J_ik| w_k, as the image of a cell is wider than the cell, and m_k w_k, as it is rounded out to whole cells.
-All this is linear: c_k w_k is lost to the width of axis k. Only where the velocity is the same everywhere is it known
+the next the boundary of a tube turns as velocities carry it: after n steps m is |exp(n delta J)|^T m, J the Jacobian of
+the velocity at a state, a mean over states. |J|_ik is how much wider bounds on the velocity along axis i are in a box
+of width 1 along axis k. With cells of width w a step loses m_i delta |J_ik| w_k, as the image of a cell is wider than
+the cell, and m_k w_k, as it is rounded out to whole cells. Steps count until a state has crossed its axis. All this is
+linear: c_k w_k is lost to the width of axis k. Only where the velocity is the same everywhere is it known
 what is rounded out: nothing where cells are aligned with what an interval does, but a pursuer that moves by a tenth of
-a cell counts as moving by a whole one.
+a cell counts as moving by a whole one, and an input that moves by less than a cell as leading nowhere.
 
 For one number of cells, and with losses that are linear, the sum over k is least where all axes lose alike: where each
 has the number n at which what it loses, times a factor that all share, plus log n is least. But for wide cells losses
 are not linear; so each is divided by the power 1 - `SHARPNESS` of what a single cell as wide as the axis would lose.
 
 Where a step loses nearly all, no step is of use, and only the target is to be proved. So cells are chosen twice, as if
-nothing was rounded out on axes with one velocity, and with that; and those are taken of which more is kept, where a
-loss of l leaves exp(-`DECAY` l), added up over the steps.
+nothing was rounded out on axes with one velocity, and with that, each for the whole time and for a half, a quarter and
+an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
+steps.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -38,13 +41,17 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.problem import ReachAvoidProblem
 
+FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
 BOX = 1 / 64  # of an axis, the width of these boxes
 SET_NODES = 1_000_000  # at which a set is looked at, at most
+SHORTER = (1 / 2, 1 / 4, 1 / 8)  # of the time, what is tried too
 TRIALS = 16  # of the numbers of cells
 WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
-LOSING_STEPS = 10  # over which losses are added up, at most
+LOSING_STEPS = 200  # over which losses are added up, at most
+WAYS = 16  # in which inputs are asked how far they move
+SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
 DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
@@ -61,28 +68,39 @@ BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
 class Speeds(NamedTuple):
-    """Of states drawn at random and all inputs: mean |J| (ndim, ndim), mean widths (ndim,) and extremes (2, ndim)."""
+    """Of states drawn at random and all inputs: mean |J| (ndim, ndim), mean widths (ndim,) and extremes (2, ndim).
+
+    jacobians (SPEED_STATES, ndim, ndim) : J of each state, under one of the inputs, without a disturbance
+    ways : how inputs move the axes with one velocity (`Ways`), or None
+    """
 
     wider: FloatArray
     widths: FloatArray
     extremes: FloatArray
+    jacobians: FloatArray
+    ways: Any
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, that takes about so many seconds on two cores."""
-    speeds, every, steps = speeds_of(problem), range(problem.grid.ndim), min(problem.most_steps, LOSING_STEPS)
+    speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
+    steps = losing_steps(problem, speeds)
     wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int)).tolist()
     cells, rates = [aligned_choices(problem, k, wishes) for k in every], losses(problem, speeds)
+    without = rates * [[1.0], [1.0], [0.0]]
+    lost, unrounded = (
+        np.stack([lost_to(problem, k, some[:, k], own, speeds) for k, own in enumerate(cells)])
+        for some in (rates, without)
+    )
 
     def kept(places: list[int]) -> float:
         """By the model, of all that is won within 0, 1, ... steps."""
-        own = [cells[k][place] for k, place in enumerate(places)]
-        once = sum(rates[0, k] * float(axis.width) for k, axis in enumerate(own))
-        each = (sum(lost_to(problem, k, rates[:, k], [axis])[0] for k, axis in enumerate(own)) - once) / steps
+        once = sum(rates[0, k] * float(cells[k][place].width) for k, place in enumerate(places))
+        each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
-    without = rates * [[1.0], [1.0], [0.0]]
-    places = max((_spread(problem, parts, seconds, speeds, cells, some) for some in (without, rates)), key=kept)
+    tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
+    places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
     return tuple(wishes[place] for place in places)
 
 
@@ -93,12 +111,15 @@ def _spread(
     speeds: Speeds,
     cells: Sequence[Sequence[CellAxis]],
     rates: FloatArray,
+    lost: FloatArray,
 ) -> list[int]:
-    """Which of the choices of each axis lose least, for what can be paid, at rates (3, ndim) of `losses`."""
+    """Which of the choices of each axis lose least, for what can be paid.
+
+    rates (3, ndim) : of `losses`, and what each choice of each axis then loses, lost (ndim, choices)
+    """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
-    lost = np.stack([lost_to(problem, k, rates[:, k], own) for k, own in enumerate(cells)])
     counts = np.array([[axis.count for axis in own] for own in cells])
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
 
@@ -126,41 +147,111 @@ def _spread(
     return list(chosen(least).tolist())
 
 
+def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
+    """Over how many steps losses add up: until the slowest coordinate that moves has crossed its axis, N at most."""
+    fastest = np.abs(speeds.extremes).max(axis=0)
+    extent = np.subtract(problem.grid.upper, problem.grid.lower)
+    longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
+    return int(min(problem.most_steps, max(math.ceil(longest), 1), LOSING_STEPS))
+
+
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """What is lost on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
+    """The loss on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
     for each unit of what `rounded_out` says, in all steps.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
-    lost = np.stack([m, 0 * m, 0 * m])
-    for _ in range(min(problem.most_steps, LOSING_STEPS)):
+    extent = np.subtract(problem.grid.upper, problem.grid.lower)
+    farthest = extent[:, None] / extent  # a coordinate goes no farther than its axis
+    lost, first = np.stack([m, 0 * m, 0 * m]), m
+    one = np.eye(m.size) + problem.delta / FLOW_PARTS * speeds.jacobians
+    one = np.linalg.matrix_power(one, FLOW_PARTS)
+    carried = np.broadcast_to(np.eye(m.size), one.shape)
+    for _ in range(losing_steps(problem, speeds)):
         lost[1] += m * rounded + m @ turned
         lost[2] += m * ~rounded
-        m = m + m @ turned
+        carried = np.clip(carried @ one, -farthest, farthest)
+        m = first @ np.abs(carried).mean(axis=0)
     return lost
 
 
-def lost_to(problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis]) -> FloatArray:
-    """What is lost to each choice of the cells of an axis, at its rates (3,) of `losses`."""
+def lost_to(
+    problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
+) -> FloatArray:
+    """The loss of each choice of the cells of an axis, at its rates (3,) of `losses`."""
     widths = np.array([float(own.width) for own in choices])
-    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths)
+    if not rates[2]:
+        return np.asarray((rates[0] + rates[1]) * widths)
+    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths, speeds.ways)
 
 
-def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray) -> FloatArray:
-    """By how much images reach too far to each side, for cells of some widths; 0 where the axis is not steady."""
-    if not is_steady(problem, axis):
-        return np.zeros(len(widths))
-    moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
-    low, high = np.array(moves, dtype=float).T[:, :, None]
-    drift = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis]))
-    cells = np.ceil((high - drift) / widths) - np.floor((low + drift) / widths)
-    return np.asarray((cells * widths - (high - low)).mean(axis=0) / 2)
+def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways: "Ways") -> FloatArray:
+    """By how much images, rounded out to cells of some widths (n,), miss what inputs move by on a steady axis: (n,).
+
+    Along each way (`Ways`) the best input leads by P at least, and the one that is best in whole cells by P' of these:
+    P - P' is lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that
+    ends too late misses it as well.
+    """
+    drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
+    at = ways.axes.index(axis)
+    if not ways.scales[at]:  # no input moves it, but what cannot be chosen
+        low, high = ways.moves[at, 0]
+        ends = np.ceil((high - drift) / widths) * widths - high, low - np.floor((low + drift) / widths) * widths
+        return np.maximum(sum(ends), 0.0) / 2
+    some = np.flatnonzero(ways.scales)
+    scales, moves = ways.scales[some], ways.moves[some] / ways.scales[some, None, None]
+    own, each = some.tolist().index(at), np.arange(len(ways.drawn))
+    share, sign = np.abs(ways.drawn[:, some]), ways.drawn[:, some] > 0
+    near = np.where(sign.T[:, :, None], moves[:, None, :, 0], -moves[:, None, :, 1])  # (axes, ways, inputs)
+    far = np.where(sign[:, own, None], moves[own, :, 1], -moves[own, :, 0])  # (ways, inputs)
+    most = np.einsum("wa,awj->wj", share, near).max(axis=1)
+    late = float(not problem.has_no_target and bool(problem.dynamics.reads[:, axis].any()))
+    for i, width in enumerate(widths / scales[own]):  # all axes cut alike, in units of what inputs move on them
+        told = np.floor(near / width + 1e-9) * width
+        along = np.einsum("wa,awj->wj", share, told)
+        best = along.argmax(axis=1)
+        reached = along[each, best]
+        slowed = np.where(most > 0.0, most / np.maximum(reached, most / SLOWED), 1.0)
+        soon = share[:, own] ** 2 * np.maximum(most - reached, 0.0) * np.maximum(slowed, 1.0)
+        end = far[each, best]
+        behind = share[:, own] * (np.ceil(end / width - 1e-9) * width - end)
+        out[i] = (soon.sum() + late * behind.sum()) / share[:, own].sum()
+    return out * scales[own]
+
+
+class Ways(NamedTuple):
+    """Ways in which inputs may lead, and how far they do on the axes with one velocity.
+
+    axes (a,), moves (a, L, 2) : these axes, and how far each input moves both ends of a state on them
+    scales (a,) : by how much inputs differ there; 0 where they are all alike
+    drawn (n, a) : unit vectors in these units, drawn at random
+    """
+
+    axes: list[int]
+    moves: FloatArray
+    scales: FloatArray
+    drawn: FloatArray
+
+
+def _ways(problem: ReachAvoidProblem) -> Ways | None:
+    """The ways of a problem; None where no axis is steady."""
+    axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
+    if not axes:
+        return None
+    every = range(len(problem.inputs))
+    moves = np.array([[moved_bounds(problem, axis, j) for j in every] for axis in axes], dtype=float)
+    moves = np.unique(moves, axis=1)
+    scales = np.ptp(moves.mean(axis=2), axis=1)
+    scales = np.where(scales > 1e-9 * np.abs(moves).max(axis=(1, 2)), scales, 0.0)
+    drawn = np.random.default_rng(0).normal(size=(WAYS if (scales > 0).sum() > 1 else 1, len(axes))) * (scales > 0)
+    drawn /= np.maximum(np.linalg.norm(drawn, axis=1, keepdims=True), 1e-300)
+    return Ways(axes, moves, scales, np.concatenate([drawn, -drawn]))
 
 
 def _crossings(problem: ReachAvoidProblem) -> FloatArray:
     """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up."""
     grid, steps = problem.grid, problem.most_steps
-    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("unsafe"))
+    extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
     out = np.isfinite(ends).sum(axis=0) / extent
     for part in known_sets(problem):
         own = grid.subgrid(part.axes)
@@ -179,13 +270,19 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
     wider, ends = np.zeros((grid.ndim, grid.ndim)), np.empty((2, count, SPEED_STATES, grid.ndim))
+    jacobians, unit = np.zeros((SPEED_STATES, grid.ndim, grid.ndim)), np.eye(grid.ndim)
     for j in range(count):
+        own = slice(j, None, count)  # of some states, under this input
+        at, here = states[own], ends[:, j, own]
         ends[:, j] = least, most = bounds.velocity(j, states, states, t, t)
         for k in np.flatnonzero(problem.dynamics.reads.any(axis=0)):
-            low, high = bounds.velocity(j, states, states + size * (np.arange(grid.ndim) == k), t, t)
+            low, high = bounds.velocity(j, states, states + size * unit[k], t, t)
             wider[:, k] += np.mean((high - low) - (most - least), axis=0) / size[k] / count
+            if len(at):
+                there = np.array(bounds.velocity(j, at + size * unit[k], at + size * unit[k], t, t))
+                jacobians[own, :, k] = (there - here).mean(axis=0) / size[k]
     extremes = np.stack([ends[0].min(axis=(0, 1)), ends[1].max(axis=(0, 1))])
-    return Speeds(np.maximum(wider, 0.0), (ends[1] - ends[0]).mean(axis=(0, 1)), extremes)
+    return Speeds(np.maximum(wider, 0.0), (ends[1] - ends[0]).mean(axis=(0, 1)), extremes, jacobians, _ways(problem))
 
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
@@ -208,7 +305,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
-    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("unsafe")).any(axis=0))
+    unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()

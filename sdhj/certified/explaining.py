@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """See `CertifiedTable.explain`."""
+    """See `Table.explain`."""
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
     entry = entry_named(table, step, within)
@@ -102,6 +102,7 @@ class _Cell:
     """The cell of a state, and what its inputs lead to."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
+        """Look at the cell of a state, at a step with `within` steps to go, by the intervals of the proof."""
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
         self.place, parts = table.tube_index(step + 1, within - 1), table.proof.parts
@@ -160,7 +161,7 @@ class _Cell:
         """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
-        ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("unsafe"), strict=True), self.scales
+        ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("fails"), strict=True), self.scales
         for k, (name, lower, upper) in enumerate(ends):
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
@@ -184,8 +185,9 @@ class _Cell:
         if short[-1] >= 0:
             yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
         elif nearest.by == "image":
-            rates = losses(self.problem, speeds_of(self.problem)).T
-            lost = [lost_to(self.problem, k, own, [self.table.axes[k]])[0] for k, own in enumerate(rates)]
+            speeds = speeds_of(self.problem)
+            rates = losses(self.problem, speeds).T
+            lost = [lost_to(self.problem, k, own, [self.table.axes[k]], speeds)[0] for k, own in enumerate(rates)]
             further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (
                 not self.problem.has_no_target
             )

@@ -180,6 +180,7 @@ class Packer:
     """Numbers of words and bodies of blocks, each kept once."""
 
     def __init__(self, size: int) -> None:
+        """An empty collection of words of `size` bytes."""
         self.known, self.used = np.zeros((1024, size), np.uint8), 0
         self.slots, self.bodies, self.index = np.full(4096, -1), dict[bytes, int](), list[int]()
         self.blocks: list[FloatArray] = []
@@ -215,6 +216,7 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
+        """Cut the cells into blocks, and these into pieces of work of at most `CELLS_AT_ONCE` cells."""
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
@@ -301,10 +303,9 @@ def file_of(
     each = 1 if problem.time_invariant else table.steps + 1
     numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
     numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
-    safe = [sum(1 << side for side, end in enumerate(ends) if end == "safe") for ends in grid.ends]
-    known = grid.has("safe")
+    safe = ([1, 2] @ grid.ends_where("frees")).tolist()
     layers = table.cells.layers.T @ [2, 4]  # a reader that does not know them refuses the file
-    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe if known else [0] * ndim)
+    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
     reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
@@ -346,7 +347,7 @@ def told(
     rule: Rule,
     brake: int,
 ) -> list[bytes]:
-    """What `sdhj_selftest` adds up, of each of the states (M, ndim) at a step; wanted (M,): numbers of inputs."""
+    """The summands of `sdhj_selftest`, of states (M, ndim) at a step; wanted (M,): numbers of inputs."""
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
     to_go, safe, chosen = table._words.look(table, states, step, left if problem.has_no_target else min(1, left), rule)
@@ -384,7 +385,7 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
     begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
     below, above = offset < begin - table.proof.shell, offset > end + table.proof.shell
-    safe = np.array([[end == "safe" for end in ends] for ends in grid.ends]).T
+    safe = grid.ends_where("frees")
     past = (below & safe[0]) | (above & safe[1])
     off = (below | above).any(axis=1)
     return np.where(
@@ -478,6 +479,7 @@ class Exported:
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
+        """Compile the files in a folder, which have been exported from a table."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -508,6 +510,7 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
+        """The C function of that name as a function of states, step and wanted inputs."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)

@@ -106,7 +106,7 @@ def peak(
 
 @dataclass(frozen=True)
 class GeneralProof(Images):
-    """What one interval does to the cells, for the recursion and for questions about states.
+    """The images of a robot's cells over one interval, for the recursion and for questions about states.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class GeneralProof(Images):
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
-        faces = np.stack(grid.faces("unsafe"))
+        faces = np.stack(grid.faces("fails"))
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))

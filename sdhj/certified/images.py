@@ -107,7 +107,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
 @dataclass(frozen=True)
 class Proof:
-    """What the proofs of all problems have: the problem, its cells, and how many parts an interval is cut into.
+    """The fields of every proof: the problem, its cells, and how many parts an interval is cut into.
 
     The recursion and the table ask a proof for `prepare`, `goal`, `add`, `image`, `places` and `inputs`.
     """
@@ -180,7 +180,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
         # obligation 1.1
         own[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
         steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-        own[i] |= not steady and "wall" in problem.grid.ends[i] and not axis.periodic  # obligation 1.2
+        own[i] |= not steady and problem.grid.ends_where("holds")[:, i].any()  # obligation 1.2
     return own
 
 
@@ -220,6 +220,7 @@ class Images(Proof):
     high: FloatArray
 
     def __post_init__(self) -> None:
+        """Make the strides read-only."""
         read_only(self.strides)
 
     @cached_property
@@ -240,7 +241,7 @@ class Images(Proof):
     @kept
     def past(self) -> FloatArray:
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
-        return np.stack(self.problem.grid.faces("safe"))
+        return np.stack(self.problem.grid.faces("frees"))
 
     def moves(self, step: int) -> Moves:
         """Those of the interval from a step."""
@@ -257,10 +258,10 @@ class Images(Proof):
         """The numbers sum(cell * strides) of cells (M, ndim): (M,)."""
         return np.asarray(some @ self.strides)
 
-    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
-        """The first and the last cell (ndim,) of what a cell can lead to under u_j."""
-        moves, place = self.moves(step), int(cell @ self.strides)
-        return cell + moves.low[j, place], cell + moves.high[j, place]
+    def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
+        """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
+        moves, places = self.moves(step), self.places(some)
+        return some + moves.low[inputs, places], some + moves.high[inputs, places]
 
     @kept
     def farthest_moves(self) -> FloatArray:
@@ -368,7 +369,7 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """What the ends of boxes, moved by `moved`, have moved by at the end of a piece: all (2, M, ndim)."""
+        """How far both ends of boxes have moved at the end of a piece, and before it by `moved`: (2, M, ndim)."""
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25
@@ -384,7 +385,7 @@ class Images(Proof):
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
         """`moved`, where walls hold back the ends of boxes. In place."""
-        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("wall")))
+        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(

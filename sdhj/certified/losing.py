@@ -39,7 +39,7 @@ MOST_VERTICES = 64
 
 @dataclass(frozen=True)
 class LosingProof(Images):
-    """What one interval does to the cells where the adversary plays; the recursion asks it what it asks of a proof.
+    """The images of cells over one interval where the adversary chooses; the recursion asks it what it asks of a proof.
 
     Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v.
     """
@@ -55,7 +55,7 @@ class LosingProof(Images):
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
         """Make room; `prepare` fills it. ValueError where the adversary has too many vertices or ends are safe."""
-        if problem.grid.has("safe"):
+        if problem.grid.has("frees"):
             raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
         bounds = np.array(problem.dynamics.bounds.outputs, dtype=object).reshape(problem.dynamics.bounds.shape)
         still = [all(is_constant(one, 0.0) for one in column) for column in bounds.T]
@@ -76,7 +76,7 @@ class LosingProof(Images):
     @kept
     def past(self) -> FloatArray:
         """Unsafe ends of axes, (2, ndim), past which a state is lost; infinite where there are none."""
-        return np.stack(self.problem.grid.faces("unsafe"))
+        return np.stack(self.problem.grid.faces("fails"))
 
     def prepare(self, progress: bool | None) -> None:
         """Fill the moves."""

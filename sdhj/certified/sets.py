@@ -168,6 +168,7 @@ class Certified(Options):
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
+        """Check the options; ValueError where one does not fit."""
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
         object.__setattr__(self, "seconds", number("seconds", self.seconds, least=0.0))
         if self.cells is not None:
@@ -259,4 +260,5 @@ class Estimate:
     seconds: float
 
     def __str__(self) -> str:
+        """Cells, memory and time in a line."""
         return f"{self.cells:.1e} cells: about {self.nbytes / 1e9:.2g} GB of memory, {self.seconds:.0f} s"

@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from typing import Any, ClassVar
 
@@ -17,6 +17,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
 from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
+from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
 from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
@@ -24,8 +25,8 @@ from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled
-from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Table, entry
-from sdhj.table.explaining import Explanation
+from sdhj.table.as_sets import ON_TIME
+from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
@@ -57,10 +58,13 @@ class CertifiedTable(Table):
     index: FloatArray
     pool: FloatArray
     details: Mapping[str, Any]
+    player: Player | None = field(default=None, compare=False)
     method: ClassVar[str] = "certified"  # type: ignore[misc]  # of all of them
     proved: ClassVar[bool] = True
+    _explain = explain
 
     def __post_init__(self) -> None:
+        """Make arrays and details read-only."""
         read_only((self.index, self.pool))
         object.__setattr__(self, "details", Sealed(self.details))
 
@@ -149,7 +153,11 @@ class CertifiedTable(Table):
             columns.append(column)
         places = np.indices([column.shape[1] for column in columns]).reshape(len(columns), -1)
         found = np.stack([column[:, place] for column, place in zip(columns, places, strict=True)], axis=-1)
-        return self.grid.clipped(found, "wall", "unsafe")
+        return self.grid.clipped(found, "holds", "fails")
+
+    def as_level_set(self, within: int | None) -> BlackBox:
+        """-1 in the cells that are certified within so many steps, or all, 1 elsewhere: see `TargetSet.from_table`."""
+        return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
@@ -191,7 +199,7 @@ class CertifiedTable(Table):
         return self._united(states, asked)
 
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """What is true (n, L) of any of the cells (n, ndim) of each of the states (M, ndim): bool (M, L)."""
+        """Whether asked(cells (n, ndim)), (n, L), holds in any cell of each state (M, ndim): bool (M, L)."""
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count, out = (
@@ -244,18 +252,18 @@ class CertifiedTable(Table):
         order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         low, high = np.full((2, count, ndim), np.nan)  # off the grid
-        for row, cell in zip(rows[firsts].tolist(), cells[firsts], strict=True):
-            a, b = self.proof.image(cell, int(inputs[row]), step)
-            begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in (a, b))
-            low[row], high[row] = self._edge(begin), self._edge(end + 1)
+        rows, ends = rows[firsts], self.proof.image(cells[firsts], inputs[rows[firsts]], step)
+        begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in ends)
+        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
         return low, high, self.proof.prediction_error
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """Where edges of such numbers (ndim,) are, those of periodic axes counted on over the seam: (ndim,)."""
-        counts, edges = self.cells.counts, [axis.edges() for axis in self.axes]
+        """Where edges of such numbers (M, ndim) are, those of periodic axes counted on over the seam: (M, ndim)."""
+        counts = self.cells.counts
         laps = np.where(self.cells.periodic, numbers // counts, 0)
         at = np.where(self.cells.periodic, numbers % counts, numbers)
-        return np.array([edge[place] for edge, place in zip(edges, at, strict=True)]) + laps * self.cells.length
+        edges = [axis.edges()[own] for axis, own in zip(self.axes, at.T, strict=True)]
+        return np.stack(edges, axis=1) + laps * self.cells.length
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""
@@ -294,7 +302,7 @@ class CertifiedTable(Table):
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """As `Table.answers`, from the words of the states' cells. Only certified inputs are safe.
+        """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
 
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
         target there may be no input that is proved to bring the state back into it one step later.
@@ -397,31 +405,6 @@ class CertifiedTable(Table):
         each = (2 * DRIFT + number("rounding", rounding, least=0.0)) * np.array([axis.scale for axis in self.axes])
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
 
-    def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
-        """Why a state is not certified: which obligation of the proof each input fails, and what may help.
-
-        What is not proved at these cells may be true all the same, and may be proved at others.
-
-        Parameters
-        ----------
-        q : (ndim,)
-            The state, in the units of the grid's axes.
-        step, within : int
-            As `start` and `within` of `contains`.
-
-        Returns
-        -------
-        Explanation
-            `print` shows it. For each input: the unsafe set, or the end of an axis, that its tube may meet, when and
-            how deep; or how many of the cells that it may lead to are not certified.
-
-        Raises
-        ------
-        ValueError
-            If a shape, a number, `step` or `within` does not fit.
-        """
-        return explain(self, q, *self.clipped(step, within))
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the table to a file; replaces it, whole or not at all."""
         cells = {
@@ -476,6 +459,7 @@ class CellSets:
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
+        """Prepare a proof; no entry is filled in yet."""
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -541,7 +525,7 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """What is surely lost, on some cells, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
+    """The cells that are surely lost, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
 
     Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
     """
@@ -549,3 +533,35 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
     recursion(sets, problem.most_steps, lambda: None)
     return sets.finish({})
+
+
+def _cells(table: CertifiedTable, within: int) -> BlackBox:
+    """Of a certified table: -1 in its certified cells, 1 elsewhere."""
+    problem = table.problem
+
+    def step_at(t: float) -> int | None:
+        """The step whose sampling time t is; None if it is none of the table's."""
+        step = 0 if problem.time_invariant else max(round((t - problem.time(0)) / problem.delta), 0)
+        on_time = problem.time_invariant or abs(problem.time(step) - t) <= ON_TIME * problem.delta
+        return step if on_time and step <= table.steps else None
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """-1 in certified cells of the step at time t, 1 elsewhere."""
+        step = step_at(t)
+        if step is None:
+            return np.ones(len(points))
+        return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
+
+    def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
+        """Bounds over boxes: (-1, -1) in certified cells only, (1, 1) in none, else (-1, 1)."""
+        if t0 != t1 and not problem.time_invariant:
+            raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
+        step = step_at(t0)
+        if step is None:
+            return np.ones(len(low)), np.ones(len(low))
+        off = table.proof.prediction_error  # with sensing the certified states are predictions
+        every, some = table.certified_boxes(low - off, high + off, start=step, within=within)
+        return np.where(some, -1.0, 1.0), np.where(every, -1.0, 1.0)
+
+    rate = 0.0 if problem.time_invariant else None
+    return BlackBox(level_set, rate=rate, enclosure=enclosure, name=f"the tube of {problem.name!r}")

@@ -48,8 +48,8 @@ def margins_of(
     if pairs.size:
         moved = states[pairs] + moves[rows[pairs], inputs]
         after = table.steps_to_go(table.grid.clipped(moved), step + 1)
-        if table.grid.has("safe"):
-            after[table.grid.beyond(moved, "safe")] = 0  # out of danger for good
+        if table.grid.has("frees"):
+            after[table.grid.beyond(moved, "frees")] = 0  # out of danger for good
         margins[pairs, inputs] = np.minimum(after - (ahead[pairs] - 1), 0)  # an integrator's error proves nothing
     return margins
 
@@ -134,9 +134,11 @@ class Words:
     """The words of a table that were asked for, a layer for each step, within and rule."""
 
     def __init__(self) -> None:
+        """No words are known yet."""
         self.layers: dict[Any, Layer] = {}
 
     def __reduce__(self) -> Any:
+        """A copy knows no words."""
         return Words, ()  # locks cannot be copied
 
     def look(
@@ -164,6 +166,7 @@ class Layer:
     """Words by the number of their cell, in a hash table. Several threads may ask it."""
 
     def __init__(self, width: int) -> None:
+        """A table of words with so many bytes, in which none is known."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 

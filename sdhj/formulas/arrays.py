@@ -33,7 +33,7 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """What is being traced in this thread."""
+    """The trace that is under way in this thread."""
 
     trace: int | None = None  # its number: arrays of another trace do not belong in it
     refused: list[tuple[str, str]]  # what, and where
@@ -47,6 +47,7 @@ class NotTraced(ValueError):
     """Something in a function that formulas do not know: what, and how to write it."""
 
     def __init__(self, what: str, instead: str = "") -> None:
+        """Say what cannot be traced and what to write instead, and remember it with its place in the user's code."""
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
             state.refused.append((str(self), _place()))
@@ -67,7 +68,7 @@ def _place() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method whose errors count as refusals: whoever catches them goes another way than with numbers."""
+    """Let errors of a method become `NotTraced`, so that a user's function that catches them is refused too."""
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
@@ -136,12 +137,14 @@ class Traced(NDArrayOperatorsMixin):
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
+        """An array of these nodes; NotTraced for numbers other than floats, whole numbers and truth values."""
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
+        """The type of NumPy's that it stands for, so that `isinstance` answers as for that."""
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
 
@@ -163,22 +166,27 @@ class Traced(NDArrayOperatorsMixin):
     )
 
     def __repr__(self) -> str:
+        """Its shape: there are no values."""
         return f"<traced array of shape {self.shape}>"
 
     def __len__(self) -> int:
+        """Entries of the first axis."""
         return len(self.entries)
 
     def __iter__(self) -> Iterator["Traced"]:
+        """The entries of the first axis, one by one."""
         return (self[k] for k in range(len(self)))
 
     @noted
     def __getitem__(self, at: Any) -> "Traced":
+        """Some entries; NotTraced where the values decide which."""
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
     @noted
     def __setitem__(self, at: Any, value: Any) -> None:
+        """Write entries, under a mask as a choice between old and new; NotTraced where that is no formula."""
         if not self.entries.flags.writeable:
             raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
         value = written_as(traced_array(value), self.dtype).entries
@@ -192,6 +200,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
+        """A NumPy function, entry by entry or reduced over an axis, as nodes; NotTraced if it has no rule."""
         options = _given(options)
         if not isinstance(ufunc, np.ufunc):
             raise NotTraced("a call of compiled code", UNCOMPILED)
@@ -212,6 +221,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        """Any other NumPy function, by `FUNCTIONS` or as one that moves entries; NotTraced if it is neither."""
         if function in FUNCTIONS:
             try:
                 return FUNCTIONS[function](*args, **(options := _given(options)))
@@ -235,11 +245,13 @@ class Traced(NDArrayOperatorsMixin):
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
+        """A copy of the array; nodes are never written."""
         return self.copy("K")
 
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
+        """A method of NumPy's arrays, by the function of that name; NotTraced for others, with advice."""
         if name in ("sum", "prod", "cumsum", "mean", "var", "std", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
@@ -339,7 +351,7 @@ def entries_of(value: Any) -> Any:
 
 
 def weak_type(value: Any) -> Any:
-    """Of an operand: its dtype, or int or float for a Python number, which takes that of other operands."""
+    """The dtype of an operand; int or float for a Python number, which takes that of other operands."""
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
     if isinstance(value, list | tuple) and holds_traced(value):
@@ -433,13 +445,13 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """NumPy's functions that are an operation, of numbers or of truth values."""
+    """The operation for each NumPy function that has one, of numbers or of truth values."""
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
 def _with(zeros: str) -> set[Any]:
-    """NumPy's functions whose zeros have such signs."""
+    """NumPy's functions whose zeros have such signs, by `Rule.zeros`."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 

@@ -63,7 +63,7 @@ def _derived(one: Node, found: Found) -> Node:
 
 
 def _turning(one: Node, found: Found) -> Node:
-    """Of an angle of which whole turns do not matter, as those by which `mod` and `arctan2` jump."""
+    """The derivative of an angle within a sine or cosine, where the jumps of `mod` and `arctan2` do not matter."""
     if found[one] is ZERO:
         return ZERO
     if one.op in ("add", "sub", "neg"):
@@ -77,7 +77,7 @@ def _turning(one: Node, found: Found) -> Node:
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
-    """Of a table: up to the largest difference between neighbours, either way, along each axis."""
+    """Bounds on the derivative of a table's interpolant: the largest differences between neighbours, either way."""
     terms = list[Node]()
     for axis, slope in enumerate(slopes):
         steepest = float(abs(np.diff(one.value.values, axis=axis)).max()) / one.value.spacing[axis] * (1 + 1e-12)

@@ -18,6 +18,7 @@ from sdhj.formulas import zeros
 from sdhj.formulas.arrays import NotTraced, Traced, entries_of
 from sdhj.formulas.graph import Lookup, Node, is_constant, leaf, leaves, make, ordered, rebuilt
 from sdhj.formulas.parameters import check_places
+from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.rules import FACTS, RULES
 from sdhj.formulas.text import parsed, written
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
@@ -38,16 +39,15 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 
 @dataclass(frozen=True, eq=False)
-class Formula:
-    """What a function computes, as an expression graph."""
+class Formula(Remembering):
+    """A function as an expression graph."""
 
     outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
     coordinates: int  # how many it is a function of
     parameters: int = 1  # ... and further ones, of which the first is the time
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # for messages
-    source: Callable[..., Any] | None = field(default=None, repr=False)  # until a problem has compared the two
-    _restricted: dict[tuple[int, ...], "Formula"] = field(default_factory=dict, init=False, repr=False)
+    source: Callable[..., Any] | None = field(default=None, repr=False)  # what it was read from
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -196,12 +196,13 @@ class Formula:
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
         """The same function of some coordinates, numbered anew; it reads no others."""
-        known, places = self._restricted, [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
-        if tuple(axes) not in known:
-            known[tuple(axes)] = Formula.traced(
-                self.name, lambda points, *given: self(points[:, places], *given), len(axes), self.parameters
-            )
-        return known[tuple(axes)]
+        places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
+
+        def function(points: Any, *given: Any) -> Any:
+            """The formula at points of those axes alone."""
+            return self(points[:, places], *given)
+
+        return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
@@ -227,6 +228,7 @@ class Formula:
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
+        """The formula as text, from which `restored` makes it again."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
@@ -390,6 +392,7 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
+        """Check the function and what is declared of it; ValueError where one does not fit."""
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
@@ -472,6 +475,7 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
+        """Values (M, *shape) at points (M, n); ValueError where they are no finite numbers of that shape."""
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)

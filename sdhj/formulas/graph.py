@@ -82,20 +82,25 @@ class Node:
     total: bool  # whether it is defined, and does not overflow, for all that a state may have
 
     def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
+        """The node self + other."""
         return make("add", self, node(other))
 
     def __sub__(self, other: Any) -> "Node":
+        """The node self - other."""
         return make("sub", self, node(other))
 
     def __mul__(self, other: Any) -> "Node":
+        """The node self * other."""
         return make("mul", self, node(other))
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __bool__(self) -> bool:
+        """TypeError: a node has no value."""
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
+        """The operation, with its value or the number of its operands."""
         return f"{self.op} of {len(self.args)}" if self.args else f"{self.op} {self.value}"
 
 

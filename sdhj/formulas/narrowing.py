@@ -31,7 +31,7 @@ def quotient(a: Node, b: Node) -> Node:
 
 
 def squares(one: Node) -> list[Node] | None:
-    """What a sum consists of whose terms are squares or numbers, the numbers left out; None for others."""
+    """The squares in a sum of squares and numbers; None for other sums."""
     left, found = [one], list[Node]()
     while left:
         one = left.pop()
@@ -66,7 +66,7 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
 
 def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
-    """What is cut where a <= b, and at what: so that its interval has no more numbers than before."""
+    """The nodes whose intervals are cut where a <= b, and at what, so that none gets larger."""
     if is_constant(b):
         inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
         return [(a, "min", b), *inner]
@@ -76,7 +76,7 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
 
 
 def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
-    """What a condition says where it holds, or does not: a <= b, or a < b."""
+    """The inequalities a <= b, or a < b, that a condition states where it holds, or does not."""
     left, seen = [(condition, holds)], set[tuple[Node, bool]]()
     while left:
         one, holds = said = left.pop()

@@ -60,6 +60,7 @@ class Rule:
 
 
 def _is(one: Any, value: float) -> bool:
+    """Whether a node is the constant `value`."""
     return bool(one.op == "const" and one.value == value)
 
 
@@ -126,6 +127,7 @@ def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
+    """Derivative of a function that is constant between its jumps: 0, and undefined where f is not settled."""
     return settled(make, f)
 
 
@@ -137,6 +139,7 @@ def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
+    """Derivative of f = a / b: (a' - f b') / b."""
     return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
 
 
@@ -279,7 +282,7 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """What the kernels know of operations for intervals: a row for each code, columns as in `sdhj.kernels.tape`."""
+    """By what kernels bound operations: a row for each code, with the columns of `sdhj.kernels.tape`."""
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP

@@ -90,9 +90,11 @@ class _Joining:
     """np.c_ and np.r_: what is traced is joined along the last axis, as columns, or along the first."""
 
     def __init__(self, original: Any) -> None:
+        """Stands for `np.r_` or `np.c_`, the original."""
         self.original, self.columns = original, original is np.c_
 
     def __getitem__(self, at: Any) -> Any:
+        """The arrays between the brackets joined, traced if one of them is."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
     @noted
@@ -108,17 +110,20 @@ class _Replaced:
     """The module numpy, or something in it, with other functions in some places."""
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
+        """Stands for a module or function, the original, of which the attributes `new` are replaced."""
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
+        """An attribute of the original."""
         return getattr(vars(self)["_original"], name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
+        """The original, called."""
         return vars(self)["_original"](*args, **options)
 
 
 def _numpy(rows: int) -> _Replaced:
-    """What replaces functions of NumPy while a function is traced with so many rows."""
+    """The functions that replace NumPy's while a function is traced with so many rows."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
@@ -146,7 +151,7 @@ _looked: list[Any] = [[], []]  # through which modules; and what was in those of
 
 
 def _users() -> list[dict[str, Any]]:
-    """What is in the user's modules, sought anew where one has come or gone: to look through all outlasts a trace."""
+    """The names in the user's modules, sought anew where one has come or gone: that takes longer than a trace."""
     if _looked[0] != (modules := list(sys.modules.values())):
         _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
     return _looked[1]

@@ -56,7 +56,7 @@ def signs(one: Node, values: Values) -> set[float]:
 
 
 def _ways(one: Node) -> list[Node]:
-    """What a node may be, one for each way to choose, neither simplified nor rounded; too many are left out."""
+    """The nodes that a node may be, one for each way to choose, not simplified or rounded; too many are left out."""
     found = dict[Node, list[Node]]()
     for each in ordered([one]):
         rule = RULES[each.op]

@@ -36,7 +36,7 @@ def nodes_read(cells: float) -> int:
 def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
-    """What `Leaves` say of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
+    """The `Leaves` of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
 
     some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
         off than the window's ends is taken from there.
@@ -166,7 +166,7 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """What `maxima` takes, as `sdhj.problem.cost` counts: a node of a leaf looks at four others, and those between."""
+    """Operations (`sdhj.problem.cost`) of `maxima`: a node of a leaf looks at four others, and at those between."""
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:
@@ -198,8 +198,9 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
     It is taken of values that go on past walls, where all is as at the wall, and only at the end at the grid's nodes.
     """
-    walls = [not closed and "wall" in ends for closed, ends in zip(grid.periodic, grid.ends, strict=True)]
-    past = np.where(walls, np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0).tolist()
+    past = np.where(
+        grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
+    ).tolist()
     raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.continued(past)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
@@ -216,7 +217,7 @@ def most_on_padding(grid: Grid) -> FloatArray | None:
     """Minus the distance past safe ends, +inf where nothing is past one, (shape); None where that is everywhere."""
     if not np.any(grid.padding):
         return None
-    far = np.broadcast_to(grid.to_ends("safe"), grid.shape)
+    far = np.broadcast_to(grid.to_ends("frees"), grid.shape)
     return np.where(far < -SLACK * min(grid.spacing), far, np.inf)
 
 

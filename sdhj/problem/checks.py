@@ -20,6 +20,7 @@ class Options:
     """Base of dataclasses of options: an unknown name is refused, with where it belongs or with all that there are."""
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
+        """TypeError for an unknown option, which names the class that has it or those that there are."""
         for name, value in given.items():
             if name not in options_of(cls):
                 written = belonging_to(cls, name, value) or f"its options are {', '.join(options_of(cls))}"

@@ -1,6 +1,9 @@
 """Whether the parts of a problem fit one another: formulas their functions, sets the nodes, sensing all the rest."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -38,14 +41,20 @@ def compared_times(problem: Statement) -> list[float]:
 
 
 def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
-    """Compare the formulas of a set with the functions that they were read from, which are then forgotten."""
+    """Compare the formulas of a set with the functions that they were read from, for the first problem that has it."""
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
         if isinstance(formula, Formula) and formula.source is not None:
-            for when in each:
-                compare(formula, formula.source, states, *when)
-            object.__setattr__(formula, "source", None)
+            formula.remembered("compared", partial(compare_at, formula, formula.source, states, each))
+
+
+def compare_at(
+    formula: Formula, function: Callable[..., Any], states: FloatArray, each: Sequence[tuple[float, ...]]
+) -> None:
+    """Compare a formula with a function at states, with each of some times or intervals."""
+    for when in each:
+        compare(formula, function, states, *when)
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
@@ -104,7 +113,7 @@ def check_sensing(problem: Sampled) -> None:
             "with jitter sampling times are uncertain: neither dynamics nor target may depend on time, and view_time "
             'must be "swept" or "sampled"'
         )
-    if grid.has("safe"):
+    if grid.has("frees"):
         raise ValueError('with sensing no end of the grid may be "safe": it is uncertain when the state has passed it')
     goals = (problem.goal(step) for step in steps)
     if not any((shrunk(problem, shrunk(problem, goal)) <= 0).any() for goal in goals):

@@ -23,7 +23,7 @@ ENDLESS_STEPS = 100  # steps that are counted where a problem has no number of s
 
 
 class Cost(NamedTuple):
-    """What a solve costs, by a model: see `sdhj.problem.cost`.
+    """The cost of a solve by a model: see `sdhj.problem.cost`.
 
     Attributes
     ----------
@@ -52,6 +52,7 @@ class Cost(NamedTuple):
     disk: int = 0
 
     def __str__(self) -> str:
+        """Operations, memory and what makes it so, in a line."""
         return f"{self.operations:.2g} operations and {self.nbytes / 1e9:.2g} GB of memory: {self.why}"
 
 
@@ -60,7 +61,7 @@ class Stated(Exception):
 
 
 class Meter:
-    """What a solve within it tells: `begin`, then `tick` as often as it likes, and `tube` after each tube.
+    """The progress of a solve, which calls `begin`, then `tick` as often as it likes, and `tube` after each tube.
 
     A progress bar shows it, in operations; in tubes where the method does not say what it costs.
 
@@ -71,16 +72,19 @@ class Meter:
     """
 
     def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
+        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations."""
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
         self.each, self.until, self.at = 1, 0, 0
 
     def __enter__(self) -> "Meter":
+        """Be the meter that solves in this context tell."""
         self.token = METER.set(self)
         return self
 
     def __exit__(self, *error: Any) -> None:
+        """Be it no longer, and close the bar."""
         METER.reset(self.token)
         if self.bar is not None:
             self.bar.close()

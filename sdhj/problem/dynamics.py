@@ -87,6 +87,7 @@ class Dynamics:
     _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        """Check inputs, functions and arrays; ValueError where one does not fit."""
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
@@ -208,7 +209,7 @@ def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
 
 
 def _scaled_velocity(velocity: Any, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """Where v does not enter linearly: each component of v is multiplied by its bound."""
+    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|): the velocity of a disturbance in [-1, 1]."""
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
@@ -388,7 +389,7 @@ class VectorField:
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
-        """One number of the drift, the gain or the "extremes" under an input."""
+        """The component `place`, in the flattened array, of the "drift", "gain" or "extremes" under input j."""
         known, key = self._derived, (name, j, place)
         if key not in known:
             found = (self.extremes_of if name == "extremes" else self.each[name])[j]

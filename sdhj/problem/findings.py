@@ -24,7 +24,7 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """What is so, how much of it, in the unit that the sentence names, and what helps; `str()` is the sentence."""
+    """A cause for a warning, how much of it, in the unit that it names, and what helps; `str()` is the sentence."""
 
     cause: str
     number: float
@@ -32,6 +32,7 @@ class Finding(NamedTuple):
     kind: type[UserWarning] = ResolutionWarning
 
     def __str__(self) -> str:
+        """Cause and remedy, as the user reads them."""
         return self.cause + self.remedy
 
 

@@ -17,9 +17,9 @@ from sdhj.formulas.arrays import Traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole
+from sdhj.problem.ends import ENDS, Fate
 from sdhj.problem.memory import require
 
-ENDS = ("unsafe", "wall", "safe")
 MOST_EXTENT = 1e300  # of an end of an axis: its length is a number, and so is what is moved past it
 MIN_NODES = 5  # the widest stencils use two nodes on each side
 MAX_NODES = 10**9  # on an axis
@@ -84,11 +84,12 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
+        """Check the arguments, and write ends out for each axis."""
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
         object.__setattr__(self, "unsaid", periodic is None and ends is None)
-        periodic, ends = [False] * ndim if periodic is None else periodic, ENDS[0] if ends is None else ends
+        periodic, ends = [False] * ndim if periodic is None else periodic, next(iter(ENDS)) if ends is None else ends
         names = [f"x{axis + 1}" for axis in range(ndim)] if names is None else names
         for label, given in (("lower", lower), ("upper", upper), ("periodic", periodic), ("names", names)):
             if len(sequence(label, given)) != ndim:
@@ -164,11 +165,7 @@ class Grid:
 
     def continued(self, by: Sequence[int]) -> "Grid":
         """The grid with so many more nodes of each axis before its lower and behind its upper end, as if at walls."""
-        past, nodes = np.array(by) * self.spacing, [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
-        ends = (np.array(self.lower) - past).tolist(), (np.array(self.upper) + past).tolist()
-        wide = Grid(*ends, nodes, self.periodic, self.names, "wall")
-        object.__setattr__(wide, "spacing", self.spacing)  # to the bit
-        return wide
+        return Continued(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
@@ -191,14 +188,22 @@ class Grid:
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
+        """The attributes that have one entry for each axis."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
+        """The subgrids that have been made, by their axes."""
+        return {}
+
+    @cached_property
+    def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
+        """The answers of `ends_where`, by fates."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
+        """The answers of `faces`, by fates."""
         return {}
 
     @property
@@ -250,29 +255,36 @@ class Grid:
     @kept
     def arrays(self) -> Lattice:
         """The grid in the form that compiled code takes."""
-        (least, most), (low, high) = self.faces("unsafe"), self.faces("safe")
+        (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
         nodes = np.array(self.lower), np.array(self.spacing), shape, np.array(self.periodic)
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
-    def faces(self, *kinds: str) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and upper ends of these kinds, both (ndim,); -inf and +inf for other ends."""
-        if kinds not in (cache := self._faces):
-            such = np.array([[end in kinds for end in ends] for ends in self.ends]) & ~np.array(self.periodic)[:, None]
+    def ends_where(self, *fates: Fate) -> FloatArray:
+        """Which lower and upper ends have one of these fates for a state beyond (`End`), of bounded axes: (2, ndim)."""
+        if fates not in (cache := self._ends_where):
+            such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
+            cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
+        return cache[fates]
+
+    def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of the lower and upper ends with these fates, both (ndim,); -inf and +inf for other ends."""
+        if fates not in (cache := self._faces):
+            low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
-            low = np.where(such[:, 0], self.lower + past[0], -np.inf)
-            cache[kinds] = read_only((low, np.where(such[:, 1], self.upper - past[1], np.inf)))
-        return cache[kinds]
+            low = np.where(low, self.lower + past[0], -np.inf)
+            cache[fates] = read_only((low, np.where(high, self.upper - past[1], np.inf)))
+        return cache[fates]
 
-    def has(self, kind: str) -> bool:
-        """Whether some axis has an end of this kind."""
-        return bool(np.isfinite(self.faces(kind)).any())
+    def has(self, fate: Fate) -> bool:
+        """Whether some axis has an end with this fate."""
+        return bool(self.ends_where(fate).any())
 
-    def to_ends(self, kind: str) -> FloatArray:
-        """Distance of each node to the nearest end of a kind, < 0 past it, +inf without one; broadcasts to the grid."""
+    def to_ends(self, fate: Fate) -> FloatArray:
+        """Distance of each node to the nearest end of a fate, < 0 past it, +inf without one; broadcasts to the grid."""
         out = np.full((1,) * self.ndim, np.inf)
-        for axis, (low, high) in enumerate(zip(*self.faces(kind), strict=True)):
+        for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
             nodes = self.nodes(axis)
             out = np.minimum(out, self.lift(np.minimum(nodes - low, high - nodes), (axis,)))
         return out
@@ -282,14 +294,14 @@ class Grid:
         """The same nodes with walls at all ends."""
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
-    def clipped(self, states: Any, *kinds: str) -> Any:
-        """States (..., ndim) clipped at the ends of these kinds, by default at walls."""
-        low, high = self.faces(*(kinds or ("wall",)))
+    def clipped(self, states: Any, *fates: Fate) -> Any:
+        """States (..., ndim) clipped at the ends with these fates, by default at those that hold them."""
+        low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
 
-    def beyond(self, states: FloatArray, *kinds: str) -> FloatArray:
-        """Whether states (..., ndim) are past an end of these kinds by more than rounding: bool (...)."""
-        (low, high), slack = self.faces(*kinds), SLACK * np.array(self.spacing)
+    def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
+        """Whether states (..., ndim) are past an end with these fates by more than rounding: bool (...)."""
+        (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
     @kept
@@ -325,12 +337,26 @@ class Rimmed(Grid):
     over: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
+        """The grid, whose first and last nodes are `over` its safe ends."""
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
         object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
+        """How many nodes lie past the safe ends."""
         return self.over
+
+
+@dataclass(frozen=True, init=False)
+class Continued(Grid):
+    """A grid with so many more nodes before the lower and behind the upper end of each axis, as if at walls."""
+
+    def __init__(self, grid: Grid, by: Sequence[int]) -> None:
+        """The grid with `by` nodes more on both sides of each axis."""
+        past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
+        ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
+        super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
+        object.__setattr__(self, "spacing", grid.spacing)  # to the bit, which the ends do not give
 
 
 @dataclass(frozen=True, init=False)
@@ -345,6 +371,7 @@ class Window(Grid):
     first: tuple[int, ...] = ()  # the window's first node on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
+        """The window of `shape` nodes from the node `first` of the whole grid on."""
         for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
@@ -353,6 +380,7 @@ class Window(Grid):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
+        """That of the whole grid."""
         return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:

@@ -45,6 +45,7 @@ class Velocities:
     terms: dict[Any, Any] | None = field(default=None, repr=False)  # what is made of them for the kernels, if kept
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         read_only((self.low, self.high, self.drift, self.gain))
 
     def kept(self) -> "Velocities":
@@ -117,7 +118,7 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """What an input and the adversary can do from one sampling time to the next.
+    """The motion from one sampling time to the next, under a constant input and any disturbance.
 
     Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
     """
@@ -374,7 +375,7 @@ class Interval:
     def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
         """Whether what is held at a wall of an axis may end outside the sum of segments (L, axes, K), it being one."""
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
-        if self.grid.periodic[axis] or "wall" not in self.grid.ends[axis]:
+        if not self.grid.ends_where("holds")[:, axis].any():
             return False
         drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
         return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, place), pushes))
@@ -382,7 +383,7 @@ class Interval:
     @property
     def held(self) -> FloatArray:
         """The walls at which states may end outside the sum of segments: (2, ndim), infinite where there is none."""
-        dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("wall")), range(self.grid.ndim)
+        dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if dynamics.oblique and dynamics.stateless:
             pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
             past = np.array([[-np.inf], [np.inf]])

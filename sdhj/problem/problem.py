@@ -78,6 +78,7 @@ class ReachAvoidProblem(Sampled):
     """
 
     def __post_init__(self) -> None:
+        """Read the functions, and check that all parts fit one another: see `sdhj.problem.consistency`."""
         self._check_parts()
         self.grid.require_memory(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
@@ -143,9 +144,9 @@ class ReachAvoidProblem(Sampled):
             shown = reprlib.repr(self.unsafe)
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty if nothing is unsafe, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
-        if not self.has_no_target and self.grid.has("safe"):
+        if not self.has_no_target and self.grid.has("frees"):
             raise ValueError('"safe" ends need a problem without a target: a state that leaves there cannot reach one')
-        if self.has_no_target and not unsafe and not self.grid.has("unsafe"):
+        if self.has_no_target and not unsafe and not self.grid.has("fails"):
             raise ValueError("there is no target and nothing to stay clear of; give an unsafe set or an unsafe end")
 
     @cached_property

@@ -54,7 +54,7 @@ INTEGRATED = 1e-6  # of an axis: how exact they are taken to be
 
 @dataclass(frozen=True)
 class RecordedBounds:
-    """What `bounds_from_records` found; `str()` is a summary.
+    """The result of `bounds_from_records`; `str()` is a summary.
 
     Attributes
     ----------
@@ -87,6 +87,7 @@ class RecordedBounds:
     names: tuple[str, ...]
 
     def __str__(self) -> str:
+        """Bounds and measurement error, how likely they are exceeded, and what the model does not explain."""
         lines = [f"{len(self.peaks)} records, confidence {self.confidence:.0%}"]
         for d, (low, seen, high) in enumerate(zip(self.least, self.peaks.max(axis=0), self.bounds, strict=True)):
             lines.append(f"v[{d}]: at least {low:.4g}, largest recorded {seen:.4g}, bound {high:.4g}")

@@ -12,14 +12,13 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.checks import number, points_array
-from sdhj.problem.grid import Grid, Rimmed, Window
+from sdhj.problem.grid import SMALL, Grid, Rimmed, Window
 from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
 from sdhj.problem.statement import Statement
 
 PADDING = 4  # nodes past a safe end on the grid of the games: the widest stencils use three
-SAMPLED = WeakValueDictionary[Any, FloatArray]()  # of static sets, for as long as some problem has them
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Sampled(Statement):
     def padded(self) -> Self:
         """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
         grid = self.grid
-        padding = np.isfinite(grid.faces("safe")).T * PADDING  # (ndim, 2)
+        padding = np.isfinite(grid.faces("frees")).T * PADDING  # (ndim, 2)
         if not padding.any():
             return self
         past, nodes = padding.T * grid.spacing, (padding.sum(axis=1) + grid.shape).tolist()
@@ -39,12 +38,12 @@ class Sampled(Statement):
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
             """The set continued past safe ends with its values at the ends."""
-            ends, swept = grid.subgrid(unsafe_set.axes).faces("safe"), unsafe_set.swept
+            ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
                 unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
             )
 
-        dynamics = self.dynamics.clipped(*grid.faces("safe"))
+        dynamics = self.dynamics.clipped(*grid.faces("frees"))
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
     def on(self, grid: Grid) -> "Sampled":
@@ -64,14 +63,23 @@ class Sampled(Statement):
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
         """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
-        key = unsafe_set.level_set, unsafe_set.sampling, self.grid.subgrid(unsafe_set.axes)
-        cache: Any = SAMPLED if isinstance(unsafe_set.level_set, Formula) else self._static  # black boxes may change
-        values = cache.get(key)
-        if values is None:
-            values = read_only(self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
-        if not unsafe_set.moving:
-            cache[key] = self._static[key] = values
-        return values
+        return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
+
+    def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
+        """Samples of a set. A static formula is sampled once for all problems that have it; a black box may change."""
+        if part.moving:
+            return read_only(sample())
+        level_set, how = part.level_set, (getattr(part, "sampling", ""), self.grid.subgrid(part.axes))
+        if (level_set, *how) not in self._static:
+            shared = isinstance(level_set, Formula)
+            known = level_set.remembered("samples", WeakValueDictionary[Any, FloatArray]) if shared else {}
+            found = known.get(how)
+            known[how] = self._static[level_set, *how] = read_only(sample()) if found is None else found
+        return self._static[level_set, *how]
+
+    def forget_samples(self) -> None:
+        """Let go of what has been sampled."""
+        self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
@@ -114,7 +122,7 @@ class Sampled(Statement):
             )
             values = np.maximum(values, -grid.lift(g, unsafe_set.axes))
         if self.has_no_target:
-            values = np.maximum(values, -grid.to_ends("unsafe"))
+            values = np.maximum(values, -grid.to_ends("fails"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:
@@ -122,8 +130,13 @@ class Sampled(Statement):
         grid, target = self.grid, self.target
         if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)
-        found = self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
-        return grid.lift(found, target.axes)
+
+        def sample() -> FloatArray:
+            """The target's level-set function at the nodes of its axes."""
+            return self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
+
+        large = grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
+        return grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
@@ -139,7 +152,7 @@ class Sampled(Statement):
         return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
-        """As `unsafe_value` at points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
+        """The `unsafe_value` of points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -168,13 +181,16 @@ class OnWindow(Sampled):
 
     @property
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
+        """Those of the whole problem."""
         return self.whole.half_widths
 
     @property
     def error_growth(self) -> FloatArray:
+        """That of the whole problem."""
         return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
+        """The interval from step k, restricted to the window where velocities depend on the state."""
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)
         if 0 not in self._intervals:

@@ -89,6 +89,7 @@ class Sensing:
     memory: bool = False
 
     def __post_init__(self) -> None:
+        """Check the numbers; ValueError where one does not fit."""
         if isinstance(self.error, Sequence | np.ndarray) and not isinstance(self.error, str):
             errors = tuple(number(f"error[{axis}]", one, least=0.0) for axis, one in enumerate(self.error))
             object.__setattr__(self, "error", errors)

@@ -5,11 +5,11 @@ of g that solvers use are negative wherever g <= 0 (`sdhj.problem.nodes.closed`)
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
 from sdhj.problem.checks import axis_numbers, number, option, pair
+from sdhj.problem.grid import Grid
 from sdhj.problem.maps import map_distance
 from sdhj.problem.polygons import polygon_level_set
-from sdhj.problem.tubes import table_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = (
@@ -85,6 +85,7 @@ class UnsafeSet:
     sampling: str = "nodes"
 
     def __post_init__(self) -> None:
+        """Read the level-set function, and `swept`; ValueError where one does not fit."""
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         count, name = len(self.axes), f"level set of {self.name!r}"
@@ -268,6 +269,19 @@ class UnsafeSet:
         return reduce(np.minimum, [self.level_set(points, t) for t in times])
 
 
+class Solved(Protocol):
+    """A table, as the target of another problem sees it."""
+
+    @property
+    def grid(self) -> Grid:
+        """The grid of its problem."""
+
+    problem: Any
+
+    def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
+        """Level-set function (points, t) of a tube, within so many steps or all that are left."""
+
+
 @dataclass(frozen=True)
 class TargetSet:
     """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t.
@@ -288,6 +302,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
+        """Read the level-set function; ValueError where it does not fit."""
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
@@ -298,7 +313,7 @@ class TargetSet:
         return bool(self.level_set.timed)
 
     @classmethod
-    def from_table(cls, table: Any, within: int | None = None) -> "TargetSet":
+    def from_table(cls, table: Solved, within: int | None = None) -> "TargetSet":
         """The tube of another table, as the target of a second problem that leads into it.
 
         Both problems have the same axes and share one clock. At time t the target is the table's tube from step k = t /
@@ -316,8 +331,9 @@ class TargetSet:
 
         ValueError if `table` is not a table, or does not have `within` steps.
         """
-        level_set = table_level_set(table, within)
-        return cls(tuple(range(table.grid.ndim)), level_set, f"the tube of {table.problem.name}")
+        if not hasattr(table, "as_level_set"):
+            raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
+        return cls(tuple(range(table.grid.ndim)), table.as_level_set(within), f"the tube of {table.problem.name}")
 
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")

@@ -9,6 +9,7 @@ import numpy as np
 
 from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.formulas.graph import Lookup
+from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray, kept
 from sdhj.problem.grid import Grid
@@ -22,7 +23,7 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 
 
 @dataclass(frozen=True)
-class Statement:
+class Statement(Remembering):
     """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them."""
 
     grid: Grid
@@ -63,9 +64,10 @@ class Statement:
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, and how much it widens the reachable box to hold the next prediction; both (ndim,).
+        """Half-widths of E, and by how much reachable boxes are widened to hold the next prediction; both (ndim,).
 
-        With memory to hold the next point that is carried on: by what E grows, and by what a push does in the end.
+        E is the solution w of dw/dt = A w + b with w(0) = error, a delay later (`growth_bound`). With memory, boxes
+        are widened to hold the next point that is carried on: by the growth of E, less what the push b does alone.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
@@ -86,7 +88,7 @@ class Statement:
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """What input and adversary can do from step k; one object for all steps if dynamics do not depend on time."""
+        """The motion from step k to k + 1; one object for all steps if the dynamics do not depend on time."""
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
             lasts = self.sensing.hold(self.delta)
@@ -102,7 +104,7 @@ class Statement:
 
         Also those with safe ends, because a state that has left through one can no longer collide.
         """
-        safe = np.isfinite(self.grid.faces("safe")).any(axis=0)
+        safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
         return self.interval(0).self_contained({*unsafe_set.axes, *np.flatnonzero(safe).tolist()})
 
     @cached_property

@@ -18,7 +18,7 @@ ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """What is unusual in a problem, with what to do if it was not meant."""
+    """Find what is unusual in a problem, with what to do if it was not meant."""
     yield from _turned_target(problem)
     for axis in range(problem.grid.ndim):
         yield from _angle(problem, axis)

@@ -16,7 +16,7 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
     if not box.any():
         return values
     ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
-    for axis, (low, high) in enumerate(zip(*grid.faces("unsafe"), strict=True)):
+    for axis, (low, high) in enumerate(zip(*grid.faces("fails"), strict=True)):
         nodes = grid.nodes(axis)
         beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
         out = np.maximum(out, beyond.astype(out.dtype))

@@ -26,7 +26,7 @@ RECKLESS = 5  # intervals for which a reckless commander looks ahead, twice in e
 
 @dataclass(frozen=True)
 class Moment:
-    """What an adversary sees of M simultaneous runs at the start of a substep.
+    """An adversary's view of M simultaneous runs at the start of a substep.
 
     Attributes
     ----------
@@ -173,10 +173,10 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) ->
     +inf past a safe end, where nothing matters any longer.
     """
     grid = problem.grid
-    low, high = grid.faces("unsafe")
+    low, high = grid.faces("fails")
     ends = np.minimum(states - low, high - states).min(axis=1)
-    found = np.minimum(problem.unsafe_value(grid.clipped(states, "safe"), t), ends)
-    return np.where(grid.beyond(states, "safe"), np.inf, found)
+    found = np.minimum(problem.unsafe_value(grid.clipped(states, "frees"), t), ends)
+    return np.where(grid.beyond(states, "frees"), np.inf, found)
 
 
 def greedy(moment: Moment) -> FloatArray:
@@ -227,7 +227,7 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Sight:
-    """What an adversary sees before it chooses the measurement errors of M runs."""
+    """An adversary's view before it chooses the measurement errors of M runs."""
 
     problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
     states: FloatArray  # (M, ndim), the current state of each run
@@ -287,6 +287,7 @@ class BuiltIn:
     shift: Callable[[Moment], FloatArray]  # -1, 0 or 1 (M,): the next input starts early, on time or late
 
     def __call__(self, moment: Moment) -> FloatArray:
+        """The disturbances of M runs at a moment, (M, D)."""
         return self.push(moment)
 
 

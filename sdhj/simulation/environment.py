@@ -55,6 +55,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
+        """Spaces for a table's states and inputs; ValueError for a table with sensing."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         if table.problem.sensing:
             raise ValueError("an agent observes the exact state without delay: use a table solved without sensing")

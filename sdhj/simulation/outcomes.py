@@ -30,12 +30,12 @@ def play_interval(
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
         states = begun.interval.advance(states, begun.inputs, v, now, begun.duration)
-        met = begun.problem.grid.clipped(states, "safe")  # nothing beyond a safe end is unsafe
+        met = begun.problem.grid.clipped(states, "frees")  # nothing beyond a safe end is unsafe
         clearance = begun.problem.unsafe_value(met, now + begun.duration)
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "unsafe")] = OFF
+        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "fails")] = OFF
         if begun.problem.has_no_target:
-            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "safe")] = REACHED
+            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "frees")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():

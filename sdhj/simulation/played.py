@@ -62,10 +62,11 @@ class Played:
         return max(self.interval[0], outside[0]) > ALARMING
 
     def __str__(self) -> str:
+        """How many runs were lost, how, and what would help."""
         return str(self.finding(""))
 
     def finding(self, told: str) -> Finding:
-        """What is lost of what a table promises, which `told` begins to say: the share, and the advice."""
+        """The share of the runs that is lost, in a sentence that `told` begins, and the advice."""
         low, high = self.interval
         message = f"{told}{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
         if self.outside < self.runs:
@@ -109,7 +110,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
         """Note where a run first touches an unsafe set or leaves the grid."""
-        for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "unsafe")):
+        for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             places.setdefault(int(moment.runs[row]), _where(table, states[row], at, bool(clearance[row] <= 0)))
 
@@ -149,9 +150,9 @@ def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
     """The name of the unsafe set that a state is in, or of the axis past whose end it is."""
     problem, grid = table.problem, table.grid
     if met:
-        inside = grid.clipped(state[None], "safe")
+        inside = grid.clipped(state[None], "frees")
         return min(problem.unsafe, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
-    low, high = grid.faces("unsafe")
+    low, high = grid.faces("fails")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 
 

@@ -71,6 +71,7 @@ class Trajectory:
     outcome: str
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         read_only((self.times, self.states, self.inputs, self.steps_to_go, self.disturbances))
 
     @property
@@ -125,6 +126,7 @@ class Report:
     has_no_target: bool = False
 
     def __post_init__(self) -> None:
+        """Make arrays and counts read-only."""
         read_only((self.starts, self.outcomes, self.steps))
         object.__setattr__(self, "counts", Sealed(self.counts))
 
@@ -137,6 +139,7 @@ class Report:
         return score_interval(self.counts[outcome], self.runs)
 
     def __str__(self) -> str:
+        """A table of the outcomes with their rates and 95 % intervals, and the steps taken."""
         head = f"{self.runs} runs, {self.method} table, adversary {self.adversary}, rule {self.rule}, seed {self.seed}"
         lines = [head, f"{'outcome':<13}{'runs':>10}{'rate':>10}   95% interval"]
         for outcome in OUTCOMES:

@@ -37,6 +37,7 @@ class _Runs:
         watch: Watch | None,
         ever: bool,
     ) -> None:
+        """Runs from starts (M, ndim), measured and misled as the sensing allows; `watch` is told of each substep."""
         self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)

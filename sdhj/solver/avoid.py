@@ -41,21 +41,17 @@ class Danger(NamedTuple):
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
-    if (found := vars(problem).get("_dangers")) is None:
-        found = [
-            Danger(
-                axes := problem.avoid_axes(unsafe_set),
-                problem.moves(unsafe_set),
-                problem,
-                unsafe_set,
-                (slice(None),) * len(axes),
-            )
-            for unsafe_set in problem.unsafe
-        ]
-        unsafe = np.isfinite(problem.grid.faces("unsafe")).any(axis=0)
-        found += [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
-        vars(problem)["_dangers"] = found
-    return list(found)
+    return list(problem.remembered("dangers", lambda: _dangers(problem)))
+
+
+def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
+    """The avoid games of a problem: see `dangers`."""
+    found = []
+    for unsafe_set in problem.unsafe:
+        axes = problem.avoid_axes(unsafe_set)
+        found.append(Danger(axes, problem.moves(unsafe_set), problem, unsafe_set, (slice(None),) * len(axes)))
+    unsafe = np.isfinite(problem.grid.faces("fails")).any(axis=0)
+    return found + [_ends(problem, axis) for axis in np.flatnonzero(unsafe).tolist()]
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
@@ -81,7 +77,7 @@ def never_met(unsafe_set: UnsafeSet) -> Finding:
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity depends on."""
     slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
-    low, high = (float(face[axis]) for face in problem.grid.faces("unsafe"))
+    low, high = (float(face[axis]) for face in problem.grid.faces("fails"))
     name = f"the ends of axis {problem.grid.names[axis]}"
     axes = problem.avoid_axes(UnsafeSet((axis,), lambda p, t: p[:, 0], name=name))
     place, grid, timed = axes.index(axis), problem.grid.subgrid(axes), problem.dynamics.timed
@@ -89,12 +85,10 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     speeds = np.max([problem.interval(step).speeds for step in range(problem.steps if timed else 1)], axis=0)
     more = int(np.ceil(checked_travel(problem.grid, speeds, delta)[axis])) + MARGIN
     widened = np.array([more * (i == place) for i in range(len(axes))])
-    # a state that leaves through a safe end is out of danger here too
-    ends = [tuple("safe" if end == "safe" else "wall" for end in pair) for pair in grid.ends]
-    padding = [
-        (a + more * (i == place and ends[i][0] == "safe"), b + more * (i == place and ends[i][1] == "safe"))
-        for i, (a, b) in enumerate(grid.padding)
-    ]
+    frees = grid.ends_where("frees").T  # a state that leaves there is out of danger here too
+    each = zip(grid.ends, frees, strict=True)
+    ends = [[end if free else "wall" for end, free in zip(*one, strict=True)] for one in each]
+    padding = grid.padding + widened[:, None] * frees
     longer = Grid(
         (np.array(grid.lower) - widened * grid.spacing).tolist(),
         (np.array(grid.upper) + widened * grid.spacing).tolist(),
@@ -104,7 +98,7 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
         ends,
     )
     wide = ReachAvoidProblem(
-        grid=Rimmed(longer, padding) if np.any(padding) else longer,
+        grid=Rimmed(longer, padding.tolist()) if padding.any() else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

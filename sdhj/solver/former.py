@@ -10,10 +10,9 @@ boxes do (`nodes_read`); in the moving frame, whose PDE was kept, only as far as
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,31 +22,10 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.keeping import Kept, Meaning
+from sdhj.table.table import LookupTable
 
 PLANE = 2  # axes of a plane
-Meaning = tuple[Any, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """What a table keeps for the next solve, in this process only: bits of another machine may be others.
-
-    method : the object by which it was solved.
-    each : by what it is of, the avoid tubes of one unsafe set, (L, *subgrid) at each step, where there are several.
-    still : by step and within, solutions of the PDE in the moving frame.
-    """
-
-    method: Any
-    each: Mapping[Meaning, Sequence[FloatArray]] = field(default_factory=dict)
-    still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(None), ()
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the arrays that are kept."""
-        return sum(one.nbytes for one in chain(*self.each.values(), self.still.values()))
 
 
 def meaning(function: Any) -> Meaning:
@@ -58,7 +36,7 @@ def meaning(function: Any) -> Meaning:
 
 
 def meaning_of_set(part: Any) -> Meaning:
-    """The same of a set, wherever it is in its problem."""
+    """A key of what an unsafe set or a target is, wherever it stands in its problem."""
     return part.axes, getattr(part, "sampling", ""), meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
@@ -110,7 +88,7 @@ def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArra
 
 @dataclass(eq=False)
 class Patch:
-    """What of one entry is to be solved anew.
+    """The part of one entry that is to be solved anew.
 
     grid : of the problem.
     changed : planes in which the tube that the games start from differs from the former one.
@@ -178,9 +156,10 @@ class Former:
         The avoid games of the table's problem.
     """
 
-    def __init__(self, table: Any, problem: ReachAvoidProblem, method: Any, dangers: Sequence[Any]) -> None:
+    def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
+        """Find out what the two problems have in common."""
         self.table, self.problem, was = table, problem, table.problem
-        self.kept: Kept = table.reusable
+        self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
         self.same_target = was.has_no_target == problem.has_no_target and (
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
@@ -226,7 +205,7 @@ class Former:
 
     # ---- rows of the recursion
 
-    def patch(self, table: Any, step: int, within: int) -> Patch | None:
+    def patch(self, table: LookupTable, step: int, within: int) -> Patch | None:
         """The patch of an entry that is being filled in: what differs; None where nothing was like it.
 
         An entry that shares its tube was made when the first that shares it was.
@@ -247,14 +226,14 @@ class Former:
         if patch.still is not None:
             self.still[step, within] = patch.still
 
-    def _differs(self, table: Any, entry: tuple[int, int], made: int) -> FloatArray:
-        """The planes in which an entry differs from one of the same step."""
+    def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
+        """The planes in which an entry (k, n) differs from the entry (k, made) of the former table."""
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
             self._differing[*entry, made] = differing(now, then)
         return self._differing[*entry, made]
 
-    def _avoid_differs(self, table: Any, step: int, tube: FloatArray) -> FloatArray:
+    def _avoid_differs(self, table: LookupTable, step: int, tube: FloatArray) -> FloatArray:
         """The planes in which an avoid tube of a step differs, and that tells in a former tube.
 
         The value of an input, max(reach, avoid), is nowhere below the tube that it is united to. So where the avoid

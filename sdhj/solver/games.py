@@ -63,14 +63,18 @@ class Games(Protocol):
     """
 
     @property
-    def dtype(self) -> str: ...
+    def dtype(self) -> str:
+        """The type of the values, for example "float32"."""
 
     @property
-    def solved(self) -> int: ...  # PDEs so far
+    def solved(self) -> int:
+        """PDEs that have been solved so far."""
 
-    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]: ...
+    def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
+        """For each input j the level-set function of RA_k^j({values <= 0}), without the unsafe sets: (j, *shape)."""
 
-    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray: ...
+    def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
+        """For each input the level-set function of an unsafe set's avoid tube from a step on: (L, *subgrid)."""
 
 
 class Pieces(NamedTuple):
@@ -180,6 +184,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
+        """The games of a problem's intervals, on all axes or on some."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -194,7 +199,7 @@ class _OnAxes:
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """As `reach`, of some inputs after one another at a time; of a patch where they are needed, which it learns."""
+        """The reach sets of all inputs, some at a time; of a patch only the planes that it finds are needed."""
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
@@ -241,6 +246,7 @@ class HJIGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
+        """Games by Hamilton-Jacobi-Isaacs equations; ValueError where an interval crosses too many cells."""
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
@@ -275,11 +281,11 @@ class HJIGames(_OnAxes):
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
-        wall, push = np.isfinite(self.grid.faces("wall")).any(axis=0), self.push
+        wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push
         several = np.count_nonzero(push > ROUNDING * push.max(initial=0.0), axis=0) > 1
         coupled = push[:, several].any(axis=1) & wall & self.drift.any(axis=0)
         shrinks = (
-            self.problem.has_no_target & np.isfinite(self.grid.faces("unsafe")).any(axis=0) & self.drift.any(axis=0)
+            self.problem.has_no_target & np.isfinite(self.grid.faces("fails")).any(axis=0) & self.drift.any(axis=0)
         )
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
@@ -587,6 +593,7 @@ class HopfLaxGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
+        """Games by the Hopf-Lax formula; ValueError where velocities depend on the state."""
         super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
@@ -645,12 +652,12 @@ class HopfLaxGames(_OnAxes):
             tick(_operations(grid, moved) + A_PIECE)
 
     def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
-        """What holds all states of a piece of the interval."""
+        """A box, and segments, that hold all states of a piece of the interval."""
         ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
         return self._moved(interval, axes, ends.tolist())
 
     def _moved(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """What holds the states at some times of an interval, s from its begin, ascending."""
+        """A box, and segments, that hold the states at some times of an interval, s from its begin, ascending."""
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
             interval.segments(axes),
@@ -675,6 +682,6 @@ class HopfLaxGames(_OnAxes):
 
 
 def _operations(grid: Grid, moved: Moved) -> float:
-    """As `sdhj.problem.boxes.operations`, of maxima over boxes and segments."""
+    """The cost of maxima over boxes and segments, in operations (`sdhj.problem.cost`)."""
     each = [crossings(half / grid.spacing) * grid.spacing for first, _ in moved.runs() for half in moved.halves[first]]
     return operations(grid, moved.low, moved.high) + sum(operations(grid, points, points) for points in each)

@@ -37,7 +37,7 @@ class _Gaps(NamedTuple):
 
 
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
-    """What helps where tubes may be separate pieces and the grid is too coarse to keep them apart; else empty.
+    """Advice where tubes may be separate pieces and the grid is too coarse to keep them apart; else empty.
 
     shifted : whether reach sets are computed by a shift or a formula, and not by differences.
     """

@@ -22,9 +22,11 @@ class Method(Protocol):
     """The interface of a method for `solve`."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """By which tables and files name it."""
 
-    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets: ...
+    def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
+        """The empty sets of a problem, which `recursion` fills in."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class HJI(Options):
     name: ClassVar[str] = "hji"
 
     def __post_init__(self) -> None:
+        """Check the options; ValueError where one does not fit."""
         option("games", self.games, ("decomposed", "joint"))
         if not isinstance(self.scheme, Scheme):
             raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
@@ -109,6 +112,7 @@ class HopfLax(Options):
     name: ClassVar[str] = "lax"
 
     def __post_init__(self) -> None:
+        """Check the options; ValueError where one does not fit."""
         option("interpolation", self.interpolation, INTERPOLATIONS)
         option("dtype", self.dtype, DTYPES)
 

@@ -96,6 +96,7 @@ class ProjectedGames:
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
+        """Games on subspaces, each played by `inner(axes)`."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -218,6 +219,7 @@ class ProjectedSets(GridSets):
     games: ProjectedGames
 
     def __init__(self, *given: Any) -> None:
+        """The sets of `GridSets`, with warnings of projections that are empty."""
         super().__init__(*given)
         self.lost = self._lost()
         for finding in self.empty():
@@ -246,6 +248,7 @@ class ProjectedSets(GridSets):
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
+            """The volume of the goal's inner projection on some axes over the volume of the goal."""
             whole = grid.fraction(goal <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
@@ -327,6 +330,7 @@ class Projected(Options):
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
+        """Check the inner method and the subspaces; ValueError where one does not fit."""
         shown = reprlib.repr(self.inner)
         if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
             raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {shown}")
@@ -363,6 +367,7 @@ class OnSubspaces(NamedTuple):
     problem: ReachAvoidProblem
 
     def on(self, problem: ReachAvoidProblem) -> Games:
+        """The games of the subspaces; of a problem of some axes only, those of the inner method."""
         if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
             return self.inner.on(problem)
         return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), self.subspaces)

@@ -187,6 +187,7 @@ class InputRows:
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
+        """Join as many trailing axes to rows as the avoid tubes allow."""
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -207,7 +208,7 @@ class InputRows:
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _places(self, axes: Axes, last: int = 1) -> FloatArray:
-        """Which part of a function on some axes belongs to each part of the grid that is made of so many last axes."""
+        """For each part of the grid, of `last` last axes, the number of the part of a function on `axes` there."""
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
         places = np.arange(math.prod(shape)).reshape(shape)
@@ -215,7 +216,7 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """The arguments of `add_inputs` for pieces on some axes, of so many inputs, besides their values.
+        """Where `add_inputs` finds the lines of so many functions on some axes: begins, places, widths, nodes.
 
         A line of one piece on all axes is a row.
         """
@@ -231,7 +232,7 @@ class InputRows:
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:
-        """Which rows have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        """The rows (R,) that have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
         axes, lead = self.grid.ndim - self.last, planes.ndim
         if axes > lead:  # lines
             planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
@@ -282,7 +283,7 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
     if layout.slabs == 1:
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
-            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("unsafe")
+            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
@@ -383,12 +384,15 @@ class GridMethod(Protocol):
     """A method that plays its games on the grid; `options` are for the details of the table, "dtype" for its arrays."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """By which tables and files name it."""
 
     @property
-    def options(self) -> Mapping[str, Any]: ...
+    def options(self) -> Mapping[str, Any]:
+        """Its options, by name."""
 
-    def on(self, problem: ReachAvoidProblem) -> Games: ...
+    def on(self, problem: ReachAvoidProblem) -> Games:
+        """The games of one interval of a problem."""
 
 
 class Slabs(NamedTuple):
@@ -425,6 +429,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
+        """Check memory, state the cost, and compute the avoid tubes."""
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick

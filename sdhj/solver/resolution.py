@@ -10,7 +10,6 @@ import math
 from functools import lru_cache
 from itertools import permutations, product
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -27,7 +26,6 @@ ROUNDS = 5  # of the search: each finds the least value on a lattice of 3 points
 SOUGHT = 200_000  # values at most that a search computes
 CROSSINGS = 1000  # of the boundary and the lines between nodes along an axis, at which the function is checked
 TIMES = 3  # at which a moving set is checked
-FOUND = WeakKeyDictionary[Formula, dict[Any, Finding | None]]()  # of a set, which the next problem may have too
 SEAM, STATES = 2000, 300  # points on a seam, at which sets and velocities are asked
 SPANS = 50  # intervals at most in which something that moves is looked at
 IGNORED = "so the table ignores it"
@@ -43,7 +41,9 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
-        known = FOUND.setdefault(unsafe_set.level_set, {}) if isinstance(unsafe_set.level_set, Formula) else {}
+        level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
+        if isinstance(level_set, Formula):  # the next problem may have it too
+            known = level_set.remembered("findings", dict)
         for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist():
             key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
             if key not in known:
@@ -67,7 +67,7 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
 
 
 def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
-    """Which error of measurements costs as much in an interval as any input changes, without memory."""
+    """Find an axis along which, without memory, an interval costs 2 E, and inputs change no more than that."""
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.memory:
         return None
@@ -124,7 +124,7 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
-    """A set that ends with the period of an axis."""
+    """Find a set that is cut off where a periodic axis closes: its level-set function differs in sign on both sides."""
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = part.level_set(before, t), part.level_set(after, t)
@@ -143,7 +143,7 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
 
 
 def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
-    """Velocities that jump where a periodic axis closes."""
+    """Find velocities that jump where a periodic axis closes."""
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -167,7 +167,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 
 
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
-    """An unsafe set that no node is in at any time."""
+    """Find an unsafe set that no node is in at any time."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
         g = (
@@ -185,7 +185,7 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
 
 
 def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
-    """A part of the set between the nodes, and what follows; its thickness."""
+    """Find a part of the set that lies between the nodes; `so` says what follows."""
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -228,7 +228,10 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
 
 
 def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """A level-set function that jumps at the set's boundary: by what part of its change there, in the median."""
+    """Find a level-set function that jumps at the set's boundary.
+
+    At zeros of the interpolant, the median of |g| / |change of g between the two nodes| is then `ABRUPT` or more.
+    """
     grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
     for axis in range(grid.ndim):

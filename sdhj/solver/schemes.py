@@ -100,6 +100,7 @@ class Scheme(Options):
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
+        """Check the options; ValueError where one is unknown or the CFL number is not in (0, 1]."""
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl

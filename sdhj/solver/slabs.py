@@ -41,7 +41,7 @@ class AvoidGame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What whoever solves a slab needs to know; it is sent to other processes.
+    """All that solving a slab takes beside its arrays; it is sent to other processes.
 
     make : creates the games of one interval, as `sdhj.HJI.on` does.
     """
@@ -58,6 +58,7 @@ class Plan:
     kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
 
     def __reduce__(self) -> Any:  # without what was kept
+        """A plan is sent without the games that have been made."""
         return Plan, tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     @cached_property
@@ -68,7 +69,7 @@ class Plan:
 
     @cached_property
     def layout(self) -> Shapes:
-        """The arrays of the table."""
+        """The shapes of the table's arrays, and how they are cut into slabs."""
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
         width = self.width or self.problem.grid.shape[self.axis]

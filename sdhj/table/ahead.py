@@ -22,7 +22,8 @@ def prepared(
 ) -> Tape:
     """A problem at a step as `sdhj.kernels` reads it, packed.
 
-    axes : those of the avoid tubes. tapes : `tapes_of` the problem, or `NO_TAPES`. looks : whether at the true sets.
+    axes : those of the avoid tubes. tapes : `tapes_of` the problem, or `NO_TAPES`. checks : whether the true sets
+    are looked at.
     """
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
@@ -31,7 +32,7 @@ def prepared(
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
-    faces = np.array([*grid.faces("wall", "safe"), grid.lower, grid.upper, *interval.held])
+    faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.held])
     return packed(*grid.arrays, *axes, order, times if checks else times[:0], faces, np.array([interval.begin]), *tapes)
 
 
@@ -47,16 +48,16 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
     """A level-set function of the whole state and, as one more coordinate, the time."""
 
     def put(one: Node) -> Node | None:
-        """A coordinate of the set's axes as one of the state; the time as a coordinate."""
+        """A leaf of the set's function as the coordinate of the state that it is; the time as coordinate `time`."""
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
     return rebuilt(part.level_set.outputs, put)[0]
 
 
 def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> None:
-    """The look at the true sets as in `sdhj.kernels.lookup.decide`, for some rows of a batch and sets of any kind.
+    """Choose the best inputs of some rows of a batch by the true sets: `sdhj.kernels.lookup.decide` for any sets.
 
-    ends (4 + K, L, ndim, 1 or R), scores (M, L) and looks are those of `decide`.
+    ends (4 + K, L, ndim, 1 or R), scores (M, L) and checks are those of `decide`.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]

@@ -19,6 +19,7 @@ from sdhj.problem.checks import points_array, real_array, sealed, states_array, 
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.as_sets import interpolated
 from sdhj.table.explaining import Explanation, explain_on_grid
 
 CHUNK = 4096  # states that one thread takes at a time
@@ -28,7 +29,7 @@ PROBES = 4096  # states at which the slope of a tube is found
 STRIDES = 8  # Runge-Kutta steps with which a prediction is computed
 POINT_ROUNDING = 1e-9  # of the largest coordinate of an axis: rounding of points that are carried on
 NOWHERE = np.empty((4, 0, 0, 1))  # where inputs lead, for those who need not know
-PLAYER: list[Callable[..., Any]] = []  # the function that simulates runs; `sdhj.solving` adds it, from a higher layer
+Player = Callable[..., Any]  # simulates runs of a table: `sdhj.simulation.played.played`
 
 
 class Batch(NamedTuple):
@@ -97,8 +98,8 @@ class Table:
     steps or, without a target, stay clear for so many. Default: from step 0, within all steps that are left. ValueError
     where an argument does not fit.
 
-    A subclass for a new method implements `problem`, `method`, `details`, `values`, `inputs`, `save`, and the methods
-    marked "To be implemented" here.
+    A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
+    `method`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
     """
 
     problem: ReachAvoidProblem
@@ -106,8 +107,10 @@ class Table:
     details: Mapping[str, Any]
     index: FloatArray
     proved: ClassVar[bool] = False  # whether the answers are proved, so that checking the true sets adds nothing
+    player: Player | None = None  # by which runs are simulated; `sdhj.solving`, which knows one, hands it over
     _axes: Any = (np.zeros(0, np.int64),) * 2  # of the avoid tubes
     _tapes: Any = NO_TAPES
+    _explain = explain_on_grid
 
     @property
     def grid(self) -> Grid:
@@ -125,6 +128,7 @@ class Table:
         return self.problem.most_steps
 
     def __repr__(self) -> str:
+        """The problem and method, the tube's share of the volume, and how many simulated runs were lost."""
         problem, nodes, counts = self.problem, " x ".join(map(str, self.grid.shape)), self.details.get("played")
         lost = f"; {counts['lost']} of {counts['runs']} runs lost" if counts else ""
         if counts and counts.get("outside", counts["runs"]) < counts["runs"]:
@@ -145,7 +149,9 @@ class Table:
         sdhj.simulation.played.Played
             `print` shows how many runs were lost, in which way, and what would help.
         """
-        return PLAYER[0](self, runs, adversary, seed, steps)
+        if self.player is None:
+            raise ValueError(f"this {type(self).__name__} has no player; use a table of sdhj.solve or sdhj.load")
+        return self.player(self, runs, adversary, seed, steps)
 
     def explain(self, q: FloatArray, step: int = 0, within: int | None = None) -> Explanation:
         """Why a state is in a tube or not: what each input that does not keep the promise may meet or lead out of.
@@ -161,16 +167,24 @@ class Table:
         -------
         Explanation
             `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
-            or by how much it may end outside the tube with one step less to go.
+            or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
+            tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
+            not proved at these cells may be true all the same, and may be proved at others.
 
         Raises
         ------
         ValueError
             If a shape, a number, `step` or `within` does not fit.
         """
-        return explain_on_grid(self, q, step, within)
+        return self._explain(q, step, within)
 
     # ---- sets
+
+    def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
+        """Level-set function (points, t) of the tube within so many steps, or all: see `TargetSet.from_table`."""
+        most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
+        steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
+        return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
         """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
@@ -291,7 +305,7 @@ class Table:
 
     @cached_property
     def _packed(self) -> dict[int, Tape]:
-        """What `packed_at` has made, by the step."""
+        """The tapes that `packed_at` has made, by the step."""
         return {}
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:

@@ -50,8 +50,8 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
     checked = Batch(states, step, 1, some_way, np.ones(hazards.shape, np.bool_), margins, none)
     table._decide(checked, hazards, TRUE_SETS_ONLY, rows)
     chosen, hazard = checked.best, hazards[rows, checked.best]
-    clear = (hazard <= 0.0) & checked.safe[rows, chosen] & ~table.grid.beyond(states, "unsafe", "wall")
-    if table.proved or any("safe" in ends for ends in table.grid.ends):  # not looked at, or not past such an end
+    clear = (hazard <= 0.0) & checked.safe[rows, chosen] & ~table.grid.beyond(states, "fails", "holds")
+    if table.proved or table.grid.has("frees"):  # not looked at, or not past such an end
         checked.steps_to_go[table.problem.refuted(states, step, 1)] = NOT_ADMISSIBLE
     return chosen, (clear & (checked.steps_to_go > 0)).astype(np.int64), hazard
 

@@ -115,6 +115,7 @@ class Controller:
     remembered: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
+        """ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
@@ -241,9 +242,9 @@ class Controller:
         within, details = self.table.steps - step, self.table.details
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
-        elif self.problem.grid.beyond(states, "unsafe", "wall")[0]:
+        elif self.problem.grid.beyond(states, "fails", "holds")[0]:
             where = "it is off the grid"
-        elif self.problem.grid.beyond(states, "safe")[0]:
+        elif self.problem.grid.beyond(states, "frees")[0]:
             where = "it is past a safe end, where the task is over"
         elif self.table.proved:
             where = "its cell is not certified: table.explain says why"

@@ -58,6 +58,7 @@ class Explanation:
     helps: tuple[str, ...] = ()
 
     def __str__(self) -> str:
+        """The explanation, the first failures, and what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
@@ -74,7 +75,7 @@ def entry_named(table: Any, step: int, within: int) -> str:
 def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     """A sentence if the level-set functions themselves refute a state (1, ndim); else empty."""
     problem = table.problem
-    if table.grid.beyond(state, "unsafe", "wall", "safe")[0]:
+    if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
     for unsafe_set in problem.unsafe:
         if (value := problem.value_of(unsafe_set, state, problem.time(step))[0]) <= 0:
@@ -158,7 +159,7 @@ def _nearest(table: Any, state: FloatArray, ends: FloatArray, step: int) -> tupl
         for unsafe_set in problem.unsafe:
             level = float(problem.value_of(unsafe_set, grid.clipped(points), t).min())
             best = min(best, (level, unsafe_set.name, s * problem.delta))
-        for name, least, most in zip(grid.names, *grid.faces("unsafe"), strict=True):
+        for name, least, most in zip(grid.names, *grid.faces("fails"), strict=True):
             x = points[:, grid.names.index(name)]
             best = min(best, (float((x - least).min()), f"the lower end of {name}", s * problem.delta))
             best = min(best, (float((most - x).min()), f"the upper end of {name}", s * problem.delta))

@@ -14,6 +14,7 @@ class Relay:
     """
 
     def __init__(self, *controllers: Controller) -> None:
+        """ValueError if one is no controller."""
         for one in controllers:
             if not isinstance(one, Controller):
                 raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")

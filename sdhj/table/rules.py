@@ -44,27 +44,27 @@ class Candidates:
 
     @property
     def states(self) -> FloatArray:
-        """(P, ndim)."""
+        """The states, (P, ndim)."""
         return self.batch.states[self.rows]
 
     @property
     def steps_to_go(self) -> FloatArray:
-        """(P,) int."""
+        """The fewest steps to go, (P,) int."""
         return self.batch.steps_to_go[self.rows]
 
     @property
     def margins(self) -> FloatArray:
-        """(P,), as `Batch.margins`: the largest value of the next tube that the adversary can bring about."""
+        """The largest value of the next tube that the adversary can bring about (`Batch.margins`), (P,)."""
         return self.batch.margins[self.batch.safe]
 
     @property
     def depths(self) -> FloatArray:
-        """(P,), the margins or, for ever, the depths by the game's value (`Batch.game`)."""
+        """The margins or, for ever, the depths by the game's value (`Batch.game`), (P,)."""
         return self.batch.depths[self.batch.safe]
 
     @property
     def successors(self) -> FloatArray:
-        """(P, ndim), where the input leads in one interval without a disturbance."""
+        """The states to which the inputs lead in one interval without a disturbance, (P, ndim)."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
         return self.problem.grid.clipped(moved)

@@ -23,7 +23,7 @@ import uuid
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -34,6 +34,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import option, whole
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.batches import Player
 from sdhj.table.files import (
     Lengths,
     Named,
@@ -92,7 +93,7 @@ class Shapes:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
-        """Those of a problem's table; the rest is from `dtype` on."""
+        """The shapes of a problem's table; `cut` are the fields from `dtype` on."""
         tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 
@@ -158,7 +159,7 @@ class Arrays:
     layout: Shapes
 
     def block(self, array: str, place: int) -> FloatArray:
-        """What there is at a place of an array, as `Shapes.block` says."""
+        """The block at a place of an array, as `Shapes.block` says."""
         raise NotImplementedError
 
     def read(self, array: str, place: int, runs: Runs) -> FloatArray:
@@ -193,10 +194,11 @@ class Memory(Arrays):
     """The arrays of a table in memory; where there is one slab, what is read and written are views of them."""
 
     def __init__(self, layout: Shapes) -> None:
+        """Arrays of a layout, none of which is made yet."""
         self.layout, self.arrays = layout, dict[str, FloatArray]()
 
     def block(self, array: str, place: int) -> FloatArray:
-        """What there is at a place of an array, in memory."""
+        """The block at a place of an array, in memory."""
         found: FloatArray = self.whole(array).reshape(-1, *self.layout.block(array))[place]
         return found
 
@@ -241,9 +243,11 @@ class Store(Arrays):
     """
 
     def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
+        """A store at a path, with a layout and the digest of its head."""
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:
+        """It is sent as its path, from which workers read and write."""
         return Store, (self.path, self.layout, self.seal)
 
     # ---- the files of arrays
@@ -271,7 +275,7 @@ class Store(Arrays):
         return begin, shape
 
     def block(self, array: str, place: int) -> FloatArray:
-        """What there is at a place of an array on disk, mapped read-only, typed as an array in memory."""
+        """The block at a place of an array on disk, mapped read-only, typed as an array in memory."""
         block, kind = self.layout.block(array), self.layout.kind(array)
         if not self.layout.axes(array):
             return np.full(block, -np.inf, kind)
@@ -291,7 +295,7 @@ class Store(Arrays):
         return self.digest(slab, values)
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """What of a slab lies in one piece, and where in the file."""
+        """The parts of a slab that lie in one piece each, (bytes from the begin of the file, values)."""
         block = self.layout.block(array)
         runs = [*((0, n) for n in self.layout.lead(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
@@ -369,7 +373,7 @@ class Store(Arrays):
                 file.write_text(sealed_text({"index": index.tolist(), "details": dict(details)}, self.seal))
 
     def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
-        """As `Arrays.whole`, and as `files.stored` reads it, but mapped: read-only, of the type of those in memory."""
+        """A whole array, checked as `files.stored` does, mapped read-only and of the type of those in memory."""
         if not self.layout.axes(array):
             return np.full(self.layout.whole(array), -np.inf, self.layout.dtype)
         begin, found = self._header(array)
@@ -378,6 +382,7 @@ class Store(Arrays):
         return np.asarray(np.memmap(self.file(array), self.layout.kind(array), "r", begin, found))
 
 
+@dataclass(frozen=True, repr=False)
 class StoredTable(LookupTable):
     """A `LookupTable` whose arrays are mapped from a store: what is asked for is read, and the system keeps some of it.
 
@@ -385,11 +390,18 @@ class StoredTable(LookupTable):
     name of its folder, from which it is loaded again.
     """
 
-    path: Path | None = None  # None of what `dataclasses.replace` made of it
+    path: Path | None = field(default=None, init=False, compare=False)
+    folder: InitVar[Path | None] = None  # `path`; none of what `dataclasses.replace` makes of it
+
+    def __post_init__(self, folder: Path | None) -> None:
+        """The folder becomes the `path`."""
+        super().__post_init__()
+        object.__setattr__(self, "path", folder)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
+        """The name of the folder, if it is one, with the black boxes that no file contains."""
         opaque = self.problem if self.problem.opaque else None
-        return (load_stored, (self.path, opaque)) if self.path else super().__reduce_ex__(protocol)
+        return (load_stored, (self.path, opaque, True, self.player)) if self.path else super().__reduce_ex__(protocol)
 
 
 def is_store(path: Named) -> bool:
@@ -397,17 +409,19 @@ def is_store(path: Named) -> bool:
     return any(os.path.isfile(os.path.join(path, name)) for name in ("head", "zarr.json"))
 
 
-def load_stored(path: Named, problem: ReachAvoidProblem | None = None, check: bool = True) -> StoredTable:
+def load_stored(
+    path: Named, problem: ReachAvoidProblem | None = None, check: bool = True, player: Player | None = None
+) -> StoredTable:
     """Load the table of a store; all of it is read once and compared with its ledger, unless left out."""
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
     told = _unsealed(store.path / "index", store.seal)[0]
     with readable(store.path):
-        found = StoredTable.of_arrays(head, store.whole, np.array(told["index"], dtype=np.int64), problem)
+        index, fields = np.array(told["index"], dtype=np.int64), {"player": player, "folder": store.path}
+        found = StoredTable.of_arrays(head, store.whole, index, problem, **fields)
     if check:
         store.check(list(store.layout.slabs_with(len(found.tubes))))
-    object.__setattr__(found, "path", store.path)
     return found
 
 

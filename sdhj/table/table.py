@@ -27,8 +27,9 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.uncertain import shrunk, worst_around
 from sdhj.table.ahead import NO_TAPES, tapes_of
-from sdhj.table.batches import NOWHERE, Batch, Table, entry
+from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
 from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.keeping import Kept
 
 QUIET = 5  # steps over which the motion of a boundary is measured
 # cells a step: a boundary that moves by less has settled; the reserve of a cell outlasts 500 such steps
@@ -45,10 +46,10 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
     from that: one cell inside the last node in the set, which keeps the tube clear of states that are lost.
     """
     leaves = _cells_to(grid, ~invariant)
-    for axis, (low, high) in enumerate(grid.ends):
+    for axis, fails in enumerate(grid.ends_where("fails").T):
         place = np.arange(grid.shape[axis], dtype=np.float64)
-        for end, gap in ((low, place + 1.0), (high, grid.shape[axis] - place)):
-            if end == "unsafe" and not grid.periodic[axis]:
+        for end, gap in zip(fails, (place + 1.0, grid.shape[axis] - place), strict=True):
+            if end:
                 leaves = np.minimum(leaves, grid.lift(gap, (axis,)))
     return np.where(invariant, 2.0 - leaves, 1.0 + _cells_to(grid, invariant))
 
@@ -79,6 +80,7 @@ class AvoidTubes:
     moving: FloatArray
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         read_only((self.static, self.moving))
 
 
@@ -129,9 +131,11 @@ class LookupTable(Table):
     marks: FloatArray
     avoid: AvoidTubes
     details: Mapping[str, Any]
-    reusable: Any = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
+    reusable: Kept | None = field(default=None, compare=False)  # for `sdhj.resolve`, in this process
+    player: Player | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Make the details read-only."""
         object.__setattr__(self, "details", Sealed(self.details))
 
     # ---- filling it in
@@ -309,7 +313,7 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """As `Table._decide`, in compiled code where the sets are formulas."""
+        """Fill in some rows of a batch: see `Table._decide`; in compiled code where the sets are formulas."""
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._tapes is not NO_TAPES:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
@@ -319,7 +323,7 @@ class LookupTable(Table):
             super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """As `Table._answer`, by interpolation."""
+        """Fill in marks and margins of some rows of a batch, by interpolation."""
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
@@ -370,8 +374,13 @@ class LookupTable(Table):
         return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
 
     @classmethod
-    def of_arrays(cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem) -> Self:
-        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together."""
+    def of_arrays(
+        cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
+    ) -> Self:
+        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together.
+
+        fields : what else the table has.
+        """
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
             raise ValueError(f"its index must have {len(entries(steps))} entries, got shape {index.shape}")
@@ -388,7 +397,8 @@ class LookupTable(Table):
             axes = ascending_axes(head["avoid_axes"][name], f"avoid_{name}", grid)
             shape = tuple(grid.shape[axis] for axis in axes)
             avoid += [axes, stored(f"avoid_{name}", "float32 float64", (*lead, *shape))]
-        return cls(problem, head["method"], *read_only((index, tubes, marks)), AvoidTubes(*avoid), head["details"])
+        arrays, method = read_only((index, tubes, marks)), head["method"]
+        return cls(problem, method, *arrays, AvoidTubes(*avoid), head["details"], **fields)
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:

@@ -3,15 +3,17 @@
 import math
 from dataclasses import replace
 
+import fleet
 import large
 import numpy as np
 import pytest
 from robots import car
+from test_memory import joint
 from toys import interval_problem
 
 import sdhj
 from sdhj.certified.cells import aligned, aligned_choices
-from sdhj.certified.choosing import chosen_cells, cost, losses, lost_to, rounded_out, speeds_of
+from sdhj.certified.choosing import SLOWED, chosen_cells, cost, losing_steps, losses, lost_to, rounded_out, speeds_of
 
 
 def plane(spin=0.0, **changed):
@@ -25,6 +27,14 @@ def plane(spin=0.0, **changed):
     )
     target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 1.0)
     return sdhj.ReachAvoidProblem(grid, dynamics, target, [], **{"delta": 0.5, "steps": 1} | changed)
+
+
+def line_of(speed):
+    """One axis of 8 m, on which an input moves by half of so much in a step, either way, +- .01 m."""
+    moves = [[-speed - 0.1], [speed + 0.1]]
+    grid = sdhj.Grid([-4.0], [4.0], [401], ends="wall")
+    target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0)
+    return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(moves, moves, [[1.0]], [0.1]), target, [], 0.5, 1)
 
 
 def test_what_widths_lose():
@@ -48,12 +58,86 @@ def test_what_widths_lose():
 
 def test_what_images_are_rounded_out_by():
     """Half a second at -1 +- .1 or 1 +- .1 m/s moves both ends by .45 to .55 m, either way."""
-    widths = np.array([0.05, 0.3, 0.5, 0.56])  # whole cells; .3 to .6 m; 0 to 1 m; 0 to .56 m
-    assert rounded_out(plane(), 0, widths) == pytest.approx([0.0, 0.1, 0.45, 0.23])
-    assert not rounded_out(plane(spin=2.0), 0, widths).any()  # counted as a cell's width
-    rates = np.array([1.5, 0.5, 3.0])
-    lost = lost_to(plane(), 0, rates, aligned_choices(plane(), 0, [16, 160]))
-    assert lost == pytest.approx([2 * 0.5 + 3 * 0.45, 2 * 0.05])
+    widths = np.array([0.05, 0.3, 0.25])  # nine cells; one of .3 m; one of .25 m
+    line = line_of(0.9)
+    found = rounded_out(line, 0, widths, speeds_of(line).ways)
+    assert found == pytest.approx([0.0, 0.15 * 0.45 / 0.3, 0.2 * 0.45 / 0.25])  # and so many times as many steps
+    rates, speeds = np.array([1.5, 0.5, 3.0]), speeds_of(line)
+    lost = lost_to(line, 0, rates, aligned_choices(line, 0, [160]), speeds)
+    assert lost == pytest.approx([2 * 0.05])
+    nowhere = rounded_out(line, 0, np.array([0.46]), speeds.ways)[0]  # wider than a step is long
+    assert nowhere == pytest.approx(SLOWED * 0.45)
+
+
+def test_what_no_input_moves_is_rounded_out_on_both_sides():
+    """A pursuer at up to .24 m/s, .12 m in a step: on cells of .1 m it counts as .2 m, on .12 m it is exact."""
+    pursued = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [41, 41]),
+        sdhj.Dynamics([[-1.0], [1.0]], [[-1.0, 0.0], [1.0, 0.0]], [[0.0], [1.0]], [0.24]),
+        None,
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(p[:, 0] - p[:, 1]) - 0.2)],
+        0.5,
+        2,
+    )
+    found = rounded_out(pursued, 1, np.array([0.1, 0.12]), speeds_of(pursued).ways)
+    assert found == pytest.approx([0.08, 0.0])
+
+
+def test_of_many_directions_the_best_in_whole_cells_counts():
+    """By hand, of a ferry that moves .3 m in 8 directions, on cells of .29 m."""
+    angles = np.pi / 4 * np.arange(8)
+    moves = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ferry = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-4.0, -4.0], [4.0, 4.0], [41, 41]),
+        sdhj.Dynamics(moves, moves, np.eye(2), [0.0, 0.0]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1]) - 1.0),
+        [],
+        0.3,
+        9,
+    )
+    ways, width = speeds_of(ferry).ways, 0.29
+    cells = np.floor(0.3 * moves[:, None] * np.sign(ways.drawn) / width + 1e-9) * width  # towards each way, in cells
+    whole = 0.3 * moves[:, None] * np.sign(ways.drawn)
+    away = np.abs(ways.drawn)
+    most, reached = ((away * one).sum(axis=2).max(axis=0) for one in (whole, cells))
+    expected = (away[:, 0] ** 2 * (most - reached) * most / reached).sum() / away[:, 0].sum()
+    assert rounded_out(ferry, 0, np.array([width]), ways)[0] == pytest.approx(expected)
+
+
+def test_what_turns_back_and_forth_does_not_grow():
+    """A pendulum of .5 rad/s: a boundary turns, and is never longer than sqrt(2) of itself in units of its axes."""
+    swings = plane()
+    spring = sdhj.Dynamics(
+        [[0.0]], lambda q, u: np.stack([0.5 * q[:, 1], -0.5 * q[:, 0] + u[0]], axis=1), np.eye(2), [0.1, 0.1]
+    )
+    swings = replace(swings, dynamics=spring, steps=20)
+    speeds, m = speeds_of(swings), 4 / math.pi
+    each = losses(swings, speeds)[1] / losing_steps(swings, speeds)
+    assert losing_steps(swings, speeds) > 7  # until 8 m are crossed at 2 m/s: 2 rad, a factor of 6 by |J| alone
+    assert (each < math.sqrt(2) * m * (1 + 0.5 * 0.5) * 1.03).all()
+
+
+def test_more_time_is_not_spent_on_less():
+    """A ferry in 32 directions: by the model what takes longer loses less, and no step leads nowhere."""
+    ferry = fleet.FLEET["256 inputs"]().problem()
+    fastest = ferry.inputs[-32:]  # of 256: only these lead farthest
+    ferry = replace(ferry, dynamics=sdhj.Dynamics(fastest, fastest, np.eye(2), [0.18, 0.18]))
+    speeds = speeds_of(ferry)
+    rates, lost = losses(ferry, speeds), []
+    for seconds in (0.6, 1.5):
+        own = zip(rates.T, aligned(ferry, chosen_cells(ferry, 10, seconds)), strict=True)
+        lost.append(sum(lost_to(ferry, k, some, [axis], speeds)[0] for k, (some, axis) in enumerate(own)))
+    assert lost[1] < 2.0 < 100.0 < lost[0]
+
+
+@pytest.mark.parametrize("delta", [0.01, 0.005])
+def test_cells_fit_the_rate(delta):
+    """The joint that remembers, at 100 and 200 Hz: an input moves by a cell at least; .8365 and 0 without that."""
+    problem = joint(delta)
+    axes = sdhj.Certified(seconds=0.5).axes(problem)
+    assert float(axes[1].width) <= 3.9 * delta * (1 + 1e-9)
+    table = sdhj.solve(problem, sdhj.Certified(seconds=0.5), progress=False, play=False)
+    assert table.fraction() > 0.857  # of .905, in half a second
 
 
 def test_cells_are_taken_that_a_pursuer_does_not_leave():
@@ -63,7 +147,7 @@ def test_cells_are_taken_that_a_pursuer_does_not_leave():
 
     def lost(cells):
         own = zip(losses(problem, speeds).T, aligned(problem, cells), strict=True)
-        return [lost_to(problem, k, rates, [axis])[0] for k, (rates, axis) in enumerate(own)]
+        return [lost_to(problem, k, rates, [axis], speeds)[0] for k, (rates, axis) in enumerate(own)]
 
     assert lost((30, 30, 21, 33, 33))[3] < 0.4 * lost((30, 30, 21, 34, 34))[3]
     cells = chosen_cells(problem, 10, 10.0)

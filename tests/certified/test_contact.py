@@ -5,16 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from sdhj.kernels import read_only
 from sdhj.kernels.arm import contact
 from sdhj.kernels.arm.links import Agent, joint_moves
 
-ARM = np.array([0.15, 0.15, 1.0])
+ARM = read_only(np.array([0.15, 0.15, 1.0]))
 
 
 def pursuer_clear(moves1, moves2, agent):
     """Whether a pursuer with one cell stays clear of an arm with one cell."""
     out = np.empty((1, 1, 1), np.uint64)
-    contact.pursuer_clear(moves1, moves2, ARM, agent, out)
+    contact.pursuer_clear(read_only(moves1), read_only(moves2), ARM, agent, out)
     return out[0, 0, 0] == 1
 
 
@@ -40,7 +41,7 @@ def test_contact_within_rounding_is_not_clear():
     assert met_at_rest(0.0) and met_at_rest(1e-10) and not met_at_rest(1e-4)
     for gap, clear in ((0.0, False), (1e-10, False), (1e-4, True)):
         assert disk_clear(centres=(0.1, 0.05 + gap), radius=0.05) == clear
-    still, inside = joint_moves(np.zeros((1, 2)), 0.0, 0.0, 0.0, 1), np.empty((1, 1, 1), np.uint64)
+    still, inside = read_only(joint_moves(np.zeros((1, 2)), 0.0, 0.0, 0.0, 1)), np.empty((1, 1, 1), np.uint64)
     centre = Agent(0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1, 1)  # a cell without width
     for gap, expected in ((0.0, False), (1e-10, False), (1e-4, True)):
         contact.tips_within(still, still, 0.1 + gap, ARM, centre, inside)

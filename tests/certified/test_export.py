@@ -69,7 +69,7 @@ CASES = {
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
     ),
-    "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 12, 12), parts=4)),
+    "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
 }
 FINER = {"arm, finer": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method)}
 

@@ -13,6 +13,7 @@ from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import cells_of
 from sdhj.certified.losing import MOST_VERTICES, LosingProof
 from sdhj.certified.table import lost_cells
+from sdhj.kernels import read_only
 from sdhj.kernels.packed import to_bits, to_words
 from sdhj.kernels.stencils import Moves, grow
 
@@ -51,14 +52,14 @@ def test_closed_form_of_what_cannot_stay():
 def test_kernel_does_as_plain_loops_say(rng):
     for staying in (False, True):
         table = solved(unicycle_problem(), cells=(8, 8, 16), parts=2)
-        counts, cells = table.shape, cells_of(table.axes, 2)
+        counts, cells = table.shape, read_only(cells_of(table.axes, 2))
         own, following = (rng.random(counts) < share for share in (0.6, 0.8))
         low = rng.integers(-2, 1, (6, 16, 3)).astype(np.int16)
         high = (low + rng.integers(0, 2, low.shape)).astype(np.int16)
         strides, safe = np.array([0, 0, 1]), np.array([[-np.inf] * 3, [np.inf] * 3])
         packed, all_clear = [to_words(one.reshape(64, 16)) for one in (own, following)], np.zeros((0, 0), np.uint8)
         near = rng.random((64, 1)) < 0.9
-        grow(near, *packed, all_clear, Moves(low, high, strides, safe), 3, cells, not staying)
+        grow(near, *packed, read_only(all_clear), read_only(Moves(low, high, strides, safe)), 3, cells, not staying)
         expected = own.copy()
         for cell in np.ndindex(counts):
             if near[8 * cell[0] + cell[1]] and own[cell] != staying:

@@ -76,7 +76,7 @@ def contained(table, count):
         states = drawn[table.contains(drawn, start=step, within=within)]
         if problem.sensing:  # what is asked about is a prediction
             off = table.proof.prediction_error * rng.choice([-1.0, 0.0, 1.0], states.shape)
-            states = grid.clipped(states + off, "wall", "unsafe")
+            states = grid.clipped(states + off, "holds", "fails")
         batch = table.batch(states, step, within)
         ahead = problem.has_no_target | (batch.steps_to_go > 0)  # who is in the target has arrived
         seen += len(states)

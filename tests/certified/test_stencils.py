@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from sdhj.kernels import read_only
 from sdhj.kernels.packed import Cells, to_bits, to_words
 from sdhj.kernels.pieces import cut_boxes
 from sdhj.kernels.stencils import Boxes, Moves, Placed, grow, mark_collisions, mark_exits, reached_words
@@ -116,7 +117,7 @@ def test_cells_are_struck_as_plain_loops_say(seed):
     if free:
         lined[axis] = False
     stride, many = (int(counts[axis + 1 :].prod()), int(counts[axis])) if free else (0, 1)
-    layout = Placed(counts, numbers(own), numbers(lined), axis, stride, many, edges, safe)
+    layout = Placed(*read_only((counts, numbers(own))), numbers(lined), axis, stride, many, *read_only((edges, safe)))
     places = layout.begin.size
     low = rng.uniform(-2.0, 1.0, (places, parts, 3))
     tubes = np.stack([low, low + rng.uniform(0.0, 1.5, low.shape)], axis=-1)
@@ -156,7 +157,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     rng = np.random.default_rng(seed)
     counts, periodic = np.array([5, rng.choice([6, 63, 64, 100, 130])]), rng.random(2) < 0.5
     cells, groups, keep = (
-        Cells(np.zeros(2), np.ones(2), np.ones(2), np.zeros((2, 2), int), counts, periodic, 1),
+        read_only(Cells(np.zeros(2), np.ones(2), np.ones(2), np.zeros((2, 2), int), counts, periodic, 1)),
         1 + seed % 2,
         seed % 3 == 0,
     )
@@ -167,7 +168,7 @@ def test_words_of_cells_are_led_as_plain_loops_say(seed):
     mode = "wrap" if periodic[1] else "edge"
     extended = to_words(np.pad(following, [(0, 0), (64, 64)], mode=mode))
     found, near = to_words(inside), np.ones((5, -(-counts[1] // 64)), np.bool_)
-    moves = Moves(low, high, np.array([1, 0]), np.array([[-np.inf] * 2, [np.inf] * 2]))
+    moves = read_only(Moves(low, high, np.array([1, 0]), np.array([[-np.inf] * 2, [np.inf] * 2])))
     grow(near, found, extended, clear, moves, groups, cells, keep)
     expected = inside.copy()
     for number, cell in enumerate(np.ndindex(*counts)):

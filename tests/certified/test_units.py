@@ -134,10 +134,10 @@ def shaky(units):
 
 ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solved, too
     "plane": (plane, 2, [44, 44], True),
-    "turning": (turning, 2, [44, 44], True),
+    "turning": (turning, 2, [32, 32], True),
     "car": (car, 3, [16, 16, 12], True),
     "cart": (cart, 2, [40, 40], True),
-    "tide": (tide, 1, [200], True),
+    "tide": (tide, 1, [120], True),
     "sensed": (lambda units: plane(units, sensing=shaky), 2, [60, 60], False),
     "staying": (lambda units: plane(units, has_no_target=True), 2, [40, 40], False),
     "hidden": (lambda units: plane(units, black=True), 2, [44, 44], False),
@@ -148,7 +148,7 @@ ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solv
 def solved(name, units, method):
     make, _, cells, _ = ROBOTS[name]
     return sdhj.solve(
-        make(units), sdhj.Certified(cells) if method == "certified" else method, progress=False, play=False
+        make(units), sdhj.Certified(cells, parts=3) if method == "certified" else method, progress=False, play=False
     )
 
 

@@ -1,10 +1,12 @@
 """What CONTRIBUTING says how to add: its own code is run, and what comes out does what the text says."""
 
+import dataclasses
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import numpy as np
 import pytest
 
 import sdhj
+from sdhj.formulas.arrays import MADE
+from sdhj.problem.ends import ENDS
 
 ROOT = Path(__file__).parent.parent.parent
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -27,12 +31,16 @@ def block(file: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def names() -> dict[str, Any]:
-    """What the blocks define that make up one program."""
+def names() -> Iterator[dict[str, Any]]:
+    """What the blocks define that make up one program; other tests know neither its NumPy function nor its end."""
     defined: dict[str, Any] = {"__name__": "contributing"}
+    known = dict(MADE)
     for code in INLINE:
         exec(code, defined)
-    return defined
+    yield defined
+    del ENDS["door"]
+    MADE.clear()
+    MADE.update(known)
 
 
 def run(arguments: list[str], folder: Path, **environment: str) -> str:
@@ -48,7 +56,7 @@ def run(arguments: list[str], folder: Path, **environment: str) -> str:
 
 def test_every_heading_has_code() -> None:
     sections = re.split(r"^## ", TEXT, flags=re.MULTILINE)[1:]
-    assert len(sections) == 9
+    assert len(sections) == 10
     assert all("```" in section for section in sections)
 
 
@@ -101,6 +109,19 @@ def test_the_new_numpy_function_is_read_and_bounded(names: dict[str, Any]) -> No
     np.testing.assert_allclose(wall(x, 0.0), np.arcsinh(x[:, 0]) - 1.0, rtol=0, atol=1e-14)
     low, high = wall.bounds(x - 0.01, x + 0.01, (0.0, 0.0))
     assert (low <= np.arcsinh(x[:, 0]) - 1.0).all() and (np.arcsinh(x[:, 0]) - 1.0 <= high).all()
+
+
+def test_the_new_end_is_as_the_one_with_its_fate(names: dict[str, Any]) -> None:
+    hall, door = names["hall"], names["leaving"]
+    grid = sdhj.Grid(hall.grid.lower, hall.grid.upper, hall.grid.shape, ends=[("wall", "safe"), "wall"])
+    safe = sdhj.solve(dataclasses.replace(hall, grid=grid), play=False)
+    np.testing.assert_array_equal(door.tubes, safe.tubes)
+    np.testing.assert_array_equal(door.marks, safe.marks)
+    past = np.array([[2.5, 0.0], [-2.5, 0.0]])
+    assert hall.grid.beyond(past, "frees").tolist() == [True, False] and hall.grid.clipped(past)[1].tolist() == [-2, 0]
+    shut = dataclasses.replace(hall.grid, ends=[("wall", "unsafe"), "wall"])
+    closed = sdhj.solve(dataclasses.replace(hall, grid=shut), play=False)
+    assert closed.tubes.mean() > door.tubes.mean()  # what is past the end is unsafe
 
 
 def test_the_wind_blows_as_hard_as_it_may(names: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 import sdhj
 from sdhj import Grid
+from sdhj.kernels import read_only
 
 TORUS = Grid([0.0, -1.0], [1.0, 1.0], [5, 6], [True, False])
 
@@ -69,7 +70,7 @@ def test_a_tube_made_smaller_by_a_known_distance_is_that_far_away():
         grid, sdhj.Dynamics([[-1.0], [1.0]], drift, np.eye(2), [0.1, 0.1]), target, (), 0.1, 1
     )
     full = sdhj.solve(problem, sdhj.HopfLax(), progress=False)
-    smaller = dataclasses.replace(full, tubes=full.tubes + 0.4)
+    smaller = dataclasses.replace(full, tubes=read_only(full.tubes + 0.4))
     row = compare(full, smaller, [{"p": 0.25}, {}])[0]
     assert row.hausdorff == pytest.approx((0.4, 0.4), abs=1e-12)  # 0.4 is 16 of the finer nodes, 0.1 / 4 apart
     # 21 and 13 nodes inside, each stands for one of the 40 cells

@@ -17,6 +17,7 @@ import sdhj
 from sdhj import plotting
 from sdhj.arm.case_studies import scene
 from sdhj.certified.labels import labels
+from sdhj.kernels import read_only
 from sdhj.simulation.runs import Trajectory
 
 THROUGH = (0.0, 0.0, 0.2, 0.2)
@@ -42,7 +43,7 @@ def test_comparison_lays_two_tables_over_each_other(table):
 
 def test_labels_are_colours_of_a_slice(table):
     """A table held against a smaller one of the same game: what that holds counts as proved."""
-    smaller = replace(table, tubes=table.tubes + 0.02)
+    smaller = replace(table, tubes=read_only(table.tubes + 0.02))
     ax = axes()
     extra_certified.draw_labels(ax, table, smaller, through=THROUGH, resolution=31)
     (image,) = named(ax, "labels")

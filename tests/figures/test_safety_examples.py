@@ -152,8 +152,8 @@ def test_the_evader_is_not_caught(pursuer, rng):
     }[pursuer]
 
     def choose(q, step):
-        off = grid.beyond(q, "safe")
-        chosen = controller.choose(controller.batch(grid.clipped(q, "safe"), step))
+        off = grid.beyond(q, "frees")
+        chosen = controller.choose(controller.batch(grid.clipped(q, "frees"), step))
         return np.where(off & (chosen < 0), 1, chosen)  # out there: straight on
 
     outcomes = pursued(table, choose, signs, starts)

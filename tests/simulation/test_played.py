@@ -1,5 +1,6 @@
 """What a solve says of its own promises: runs from the whole tube, what emptied it, warnings that can be followed."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from toys import interval_problem, torus_problem, unicycle_problem
 import sdhj
 import sdhj.simulation.played
 from sdhj import Controller, UnsafeSet
+from sdhj.kernels import read_only
 from sdhj.problem.findings import ProjectionWarning, ResolutionWarning
 from sdhj.simulation.played import FEWEST_PLAYED, MOST_PLAYED
 
@@ -66,7 +68,7 @@ def test_near_extinction_what_is_lost_outside_the_target_is_told(solves_are_play
     problem = replace(interval_problem(unsafe=False), dynamics=strong)
     problem = replace(problem, target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.25 * 0.5))
     table = sdhj.solve(problem, progress=False, play=False)
-    far = replace(table, tubes=table.tubes - 0.3)  # what errors of the scheme do on a coarse grid
+    far = replace(table, tubes=read_only(table.tubes - 0.3))  # what errors of the scheme do on a coarse grid
     found = far.played(400)
     assert 0 < found.outside_lost == found.lost <= found.outside < 400
     assert f"{found.lost} of {found.outside} from outside the target" in str(found)
@@ -215,3 +217,16 @@ def test_empty_projections_are_warned_of_before_the_recursion(monkeypatch: pytes
     problem = sdhj.evader_case_study(nodes=9, steps=2)
     with pytest.warns(ProjectionWarning, match="leaves nothing of the target"), pytest.raises(pytest.fail.Exception):
         sdhj.solve(problem, "projected", progress=False)
+
+
+def test_solved_and_loaded_tables_play_and_others_say_that_they_cannot(tmp_path):
+    problem = interval_problem()
+    table = sdhj.solve(problem, "lax", play=False, progress=False)
+    table.save(tmp_path / "table.h5")
+    stored = sdhj.solve(problem, "lax", store=tmp_path / "table", progress=False)
+    tables = sdhj.load(tmp_path / "table.h5"), stored, pickle.loads(pickle.dumps(stored)), sdhj.load(tmp_path / "table")
+    tables += sdhj.resolve(table, problem, "lax"), pickle.loads(pickle.dumps(table)), replace(stored, details={})
+    for other in tables:
+        assert other.played(10) == table.played(10)
+    with pytest.raises(ValueError, match=r"this LookupTable has no player; use a table of sdhj\.solve or sdhj\.load"):
+        replace(table, player=None).played()

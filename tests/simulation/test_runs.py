@@ -8,6 +8,7 @@ import pytest
 import toys
 
 import sdhj
+from sdhj.kernels import read_only
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation import runs as simulation
 from sdhj.simulation.adversaries import Moment
@@ -252,7 +253,7 @@ def test_a_start_that_is_not_admissible() -> None:
 
 def test_an_empty_tube_has_no_starts() -> None:
     table = toys.interval_table()
-    nothing = Controller(replace(table, tubes=np.ones_like(table.tubes)))
+    nothing = Controller(replace(table, tubes=read_only(np.ones_like(table.tubes))))
     with pytest.raises(ValueError, match=r"tube of step 0 within 5 steps is empty or tiny.* a larger target"):
         monte_carlo(nothing, 10, progress=False)
     staying = replace(table.problem, target=None)  # where there is no target, none can be larger

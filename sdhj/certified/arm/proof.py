@@ -37,7 +37,7 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 @dataclass(frozen=True)
 class ArmProof(Proof):
-    """What one interval does to the cells, for the recursion and for questions about states."""
+    """The images of an arm's cells over one interval, for the recursion and for questions about states."""
 
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
@@ -83,12 +83,13 @@ class ArmProof(Proof):
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
     def __post_init__(self) -> None:
+        """Make the arrays of the motion read-only."""
         read_only(tuple(self.motion))
 
     @property
     def shell(self) -> FloatArray:
-        """Of an arm in metres, as `sdhj.kernels.arm.links` bounds it."""
-        return np.full(4, STATE_SLACK)
+        """How far off a cell a state counts as in it: `STATE_SLACK`, of an arm in metres (`sdhj.kernels.arm.links`)."""
+        return read_only(np.full(4, STATE_SLACK))
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
@@ -110,13 +111,13 @@ class ArmProof(Proof):
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """Of a set: cells of the joints, words."""
+        """Shape of a packed set: cells of the two joints, and words of the cells (x, y)."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
-    def image(self, cell: FloatArray, j: int, step: int) -> Ends:
+    def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """See `GeneralProof.image`."""
-        at = np.arange(len(cell)), j, cell
+        at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
     def inputs(
@@ -163,7 +164,7 @@ class ArmProof(Proof):
             clear.append(np.empty(self.shape, np.uint64))
             if motion.pursued:
                 moves = (motion.moves[axis, j, : self.shape[axis], : motion.parts[j]] for axis in (0, 1))
-                pursuer_clear(*map(np.ascontiguousarray, moves), motion.arm, motion.agent, clear[j])
+                pursuer_clear(*read_only([*map(np.ascontiguousarray, moves)]), motion.arm, motion.agent, clear[j])
             else:
                 clear[j][:] = to_words(np.ones(motion.agent.nx * motion.agent.ny, np.bool_))
         return clear
@@ -185,7 +186,7 @@ class ArmProof(Proof):
         """Cells inside the target and outside the unsafe set at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
-        still = [joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)]
+        still = read_only([joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)])
         if stage.target is None:
             tips_within(*still, stage.agent_radius, motion.arm, motion.agent, out)
         else:

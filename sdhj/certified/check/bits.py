@@ -53,6 +53,7 @@ class Kept:
     """Machine code in files that begin with a digest, of it and of the sources."""
 
     def __init__(self, files: Any) -> None:
+        """Stamp compiled files with Numba's version and with the sources of this folder."""
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:

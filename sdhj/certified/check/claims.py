@@ -34,6 +34,7 @@ class Claim:
         return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:
+        """The claim in a line, and its first failures."""
         held = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
         verdict = held if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
@@ -43,7 +44,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `verify` looked at and found."""
+    """The result of `verify`: which claims were checked, and which failed."""
 
     claims: tuple[Claim, ...]
 
@@ -53,4 +54,5 @@ class Verdict:
         return all(claim.failed == 0 for claim in self.claims)
 
     def __str__(self) -> str:
+        """The claims, one after the other."""
         return "\n".join(str(claim) for claim in self.claims)

@@ -26,6 +26,7 @@ class Grid:
     """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe", `spacing` is that of the nodes."""
 
     def __init__(self, head: Mapping[str, Any]) -> None:
+        """Read the grid in the head of a file; refused where it is none."""
         lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in head["ends"])
         # check 7.28
@@ -55,6 +56,7 @@ class BlackBox:
     def __init__(
         self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
     ) -> None:
+        """A function `given` with so many results for a point of so many components, under fixed inputs."""
         self.name, self.given, self.inputs = name, given, inputs
         self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 
@@ -118,6 +120,7 @@ class Functions:
     """The formulas and the black boxes of a file."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        """Read which functions are formulas and which are black boxes; refused where one is both."""
         formulas = head["formulas"]
         expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])  # check 7.17
         self.texts, self.opaque = formulas["functions"], dict(formulas["opaque"])
@@ -126,6 +129,7 @@ class Functions:
         self.tables: dict[int, Array] = {}
 
     def __contains__(self, name: str) -> bool:
+        """Whether the file has a function of that name."""
         return name in self.texts or name in self.opaque
 
     def table(self, number: int, axes: int) -> Array:
@@ -146,7 +150,7 @@ class Functions:
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
     def black_box(self, name: str) -> Any:
-        """What the problem has of that name."""
+        """The black box of that name, of the problem that was given."""
         try:
             return self.problem.black_box(name)
         except (AssertionError, AttributeError, LookupError):
@@ -173,9 +177,10 @@ class Functions:
 
 
 class Velocity:
-    """What the velocity can be: by the formulas of drift, gain and bounds, or of velocity and bounds."""
+    """Bounds on the velocity, by the formulas of drift, gain and bounds, or of velocity and bounds."""
 
     def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
+        """Read the formulas of drift, gain and bounds, or of velocity and bounds, for each of the inputs."""
         n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
         d = len(bounds.results) // len(inputs)
         fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED  # check 7.19

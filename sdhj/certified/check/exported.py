@@ -35,9 +35,10 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
-    """What a file says: `ids` of the words of the cells of a start, and the fields of each word."""
+    """An exported file as read: `ids` of the words of the cells of a start, and the fields of each word."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Read an exported file; refused where a digest, a length or a number does not fit."""
         data = Path(path).read_bytes()
         whole = len(data) >= HEAD and data[:8] == MAGIC and struct.unpack_from("<I", data, 8) == (1,)
         whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
@@ -158,7 +159,9 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
 def asked(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """Of each field of inputs which are claimed of each word (words, L), and the steps to go by which (cells,)."""
+    """For each field of inputs its name, which inputs it has of each word (words, L), and the steps to go in which they
+    are claimed to lead to the target from each cell, (cells,).
+    """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
     for name, some in words.fields.items():

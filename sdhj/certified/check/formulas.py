@@ -45,6 +45,7 @@ class Reader:
     """The lines of one function, `what`, with so many coordinates and parameters; ValueError says what is wrong."""
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
+        """A reader of the lines of one formula, `what`, with so many coordinates and parameters."""
         self.what, self.tables, self.line = what, tables, ""
         self.leaves = {"x": coordinates, "p": parameters}
         self.nodes: list[Node] = []

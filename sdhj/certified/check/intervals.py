@@ -96,7 +96,7 @@ def div(a: Interval, b: Interval) -> Interval:
 
 
 def share(a: Interval, b: Interval) -> Interval:
-    """A quotient cut to [-1, 1], which is 0 where the divisor is 0."""
+    """a / b cut to [-1, 1], rounded outward; [-1, 1] where b holds 0, where the quotient counts as 0."""
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
     return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)  # check 6.9
@@ -108,7 +108,7 @@ def neg(a: Interval) -> Interval:
 
 
 def size(a: Interval) -> Interval:
-    """Absolute values."""
+    """|[low, high]| = [max(low, -high, 0), max(-low, high)], exactly."""
     return np.maximum(np.maximum(a[0], -a[1]), 0.0), np.maximum(-a[0], a[1])  # check 6.27
 
 

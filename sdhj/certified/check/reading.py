@@ -181,6 +181,7 @@ class Sensing:
     """How the robot senses; `error` for each axis."""
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
+        """Read measurement error, delay and jitter; refused where one is negative or too long for the interval."""
         error = head.get("error", 0.0)
         # check 7.34
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
@@ -190,6 +191,7 @@ class Sensing:
         expect(self.memory in (True, False), "memory must be true or false", self.memory)  # check 7.8
 
     def __bool__(self) -> bool:
+        """Whether anything is uncertain."""
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0
 
 
@@ -200,6 +202,7 @@ class Sets:
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
+        """Read the cells of `ndim` axes and the sets on them; refused where an array does not fit."""
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
         # check 7.38
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
@@ -225,7 +228,7 @@ class Sets:
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """What is wrong with the cells of axes: of each its begin, least and greatest length, the doubt about it."""
+        """Faults of the cells of axes: of each its begin, least and greatest length, the doubt about it."""
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):

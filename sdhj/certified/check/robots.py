@@ -80,7 +80,7 @@ def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, dept
 
 
 def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
-    """What is found of cells (M,), so many at a time that memory is bounded."""
+    """The answers of a function for cells (M,), asked for so many at a time that memory is bounded."""
     begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
     return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
@@ -89,6 +89,7 @@ class Robot(Sets):
     """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
+        """Read the problem of a file, its cells and its sets; refused where a part does not fit."""
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
         # check 7.36
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
@@ -156,7 +157,7 @@ class Robot(Sets):
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def cover(self) -> list[str]:
-        """What is wrong with the cells: those that move alike are alike, and no wall holds them back on the way."""
+        """Faults of the cells: those that move alike are alike, and no wall holds them back on the way."""
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
             length = decimal(upper) - decimal(lower)
@@ -438,6 +439,7 @@ class Robot(Sets):
         sums = self.sums(following)
 
         def hold(some: Array) -> Array:
+            """Whether some input leads from each of these cells into the set of the next step."""
             out = np.zeros(len(some), np.bool_)
             for j in range(self.low.shape[1]):
                 left = np.flatnonzero(~out)

@@ -64,6 +64,7 @@ class Scene:
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
+        """Read the recipe of a case study and its sensing; refused where a number does not fit."""
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -149,6 +150,7 @@ class Arm(Sets):
     """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
+        """Read a file's claims about an arm; refused where its arrays do not fit the recipe."""
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
         expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
@@ -172,7 +174,7 @@ class Arm(Sets):
         return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
-        """What is wrong with the cells: those of a joint hold a turn, 2 pi."""
+        """Faults of the cells: those of a joint hold a turn, 2 pi."""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
         return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
@@ -205,7 +207,7 @@ class Arm(Sets):
             yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
-        """What `check_rows` says of some rows, by threads."""
+        """The answers of `check_rows` for some rows, by threads."""
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
         ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]

@@ -1,0 +1,27 @@
+"""What others found out about an object, which goes with it."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+class Remembering:
+    """An object of which others find out more; that is neither compared nor pickled."""
+
+    @cached_property
+    def _remembered(self) -> dict[Any, Any]:
+        """All that was found out, by key."""
+        return {}
+
+    def remembered(self, key: Any, find: Callable[[], T]) -> T:
+        """The value of `find()`, which is called the first time that somebody asks with this key."""
+        if key not in self._remembered:
+            self._remembered[key] = find()
+        found: T = self._remembered[key]
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All is pickled but what was found out."""
+        return {name: value for name, value in vars(self).items() if name != "_remembered"}

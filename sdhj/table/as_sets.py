@@ -1,0 +1,49 @@
+"""The tube of a table on a grid as a level-set function, for `TargetSet.from_table`."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sdhj.formulas.gridded import gridded
+from sdhj.kernels import FloatArray
+from sdhj.kernels.interpolation import SLACK
+from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
+
+ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time by
+
+
+def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
+    """The tube of the step that it is time for, interpolated between its values at the nodes; 1 at other times.
+
+    values : of each step, shape grid.shape; of one, if nothing depends on time.
+    """
+    tubes = [_tube(problem.grid, one) for one in values]
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """The tube of the step at time t, interpolated at points; 1 at other times."""
+        if problem.time_invariant:
+            return tubes[0](points)
+        value = np.ones(len(points))
+        for step, tube in enumerate(tubes):
+            value = np.where(np.abs(t - problem.time(step)) <= ON_TIME * problem.delta, tube(points), value)
+        return value
+
+    return level_set
+
+
+def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Values at the nodes, interpolated at points (M, ndim); beyond bounded axes something above 0."""
+    beyond = max(float(values.max()), 1.0)
+    periodic, spacing = np.array(grid.periodic), np.array(grid.spacing)
+    table = gridded(np.pad(values, [(0, int(turns)) for turns in periodic], mode="wrap"), grid.lower, spacing)
+    bounded = np.flatnonzero(~periodic)
+    least, greatest = (grid.lower - SLACK * spacing)[bounded], (grid.upper + SLACK * spacing)[bounded]
+
+    def tube(points: FloatArray) -> FloatArray:
+        """The interpolated tube at points; `beyond` where they are off a bounded axis."""
+        places = points[:, bounded]
+        outside = ((places < least) | (places > greatest)).any(axis=1)
+        return np.where(outside, beyond, table(points)) if bounded.size else table(points)
+
+    return tube
