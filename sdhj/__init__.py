@@ -46,6 +46,7 @@ from sdhj.formulas.arrays import NotTraced
 from sdhj.formulas.formula import BlackBox, complement, intersection, union
 from sdhj.formulas.gridded import gridded
 from sdhj.problem.ball import Ball
+from sdhj.problem.bodies import Body
 from sdhj.problem.dynamics import Dynamics
 from sdhj.problem.findings import ProjectionWarning, ResolutionWarning, UnsettledWarning
 from sdhj.problem.grid import Grid
@@ -69,6 +70,7 @@ __all__ = [
     "HJI",
     "Ball",
     "BlackBox",
+    "Body",
     "Candidates",
     "Certified",
     "Controller",

@@ -8,7 +8,7 @@ import numpy as np
 from sdhj.formulas.formula import program
 from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.tape import Tape, packed
+from sdhj.kernels.tape import Packable, Tape, packed
 from sdhj.kernels.true_sets import CHECKED_INSTANTS, TRUE_SETS_TOO, heed_inputs, judge, propose, samples_for
 from sdhj.kernels.tubes import CHECK_TIMES
 from sdhj.problem.problem import ReachAvoidProblem
@@ -18,7 +18,7 @@ NO_TAPES = program(()) * 3
 
 
 def prepared(
-    problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[FloatArray], checks: bool
+    problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
     """A problem at a step as `sdhj.kernels` reads it, packed.
 
@@ -44,7 +44,7 @@ def conditional(problem: ReachAvoidProblem) -> bool:
     return any(part.inputs is not None for part in problem.unsafe)
 
 
-def tapes_of(problem: ReachAvoidProblem) -> tuple[FloatArray, ...]:
+def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
     """Tapes of the paths under all inputs, of the unsafe sets and of the target, on state and time."""
     ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))

@@ -148,7 +148,8 @@ WRONG = {
         "equal",
     ),
     "endless ends": ("7.28 drop 4", "is_undefined_stays_so", "exp"),
-    "nodes in a box": ("7.29 number 6 2", "gridded", 2),
+    "nodes in a box": ("7.29 put 8 int({13})", "gridded", 2),
+    "the last block": ("7.35 put 2 max({3}, 1)", "of_boxes_with_many_nodes", (900,)),
     "rounding of tables": ("7.30 zero 2", "of_tables_hold_what_is_exact", 2),
 }
 
