@@ -1,8 +1,14 @@
 """Doctests are collected where what a module needs is installed; a test that cannot be imported is an error."""
 
 import os
+import re
 import sys
+from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
 
 collect_ignore = [] if find_spec("gymnasium") else ["sdhj/simulation/environment.py"]
 
@@ -10,3 +16,19 @@ collect_ignore = [] if find_spec("gymnasium") else ["sdhj/simulation/environment
 # what it compiles: in __pycache__, also where PYTHONDONTWRITEBYTECODE is set. Later runs and tests' processes read it.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+@cache
+def robot_on_a_line() -> dict[str, Any]:
+    """What the example in `help(sdhj)` defines; other examples use its problem, table and controller."""
+    text = (Path(__file__).parent / "sdhj" / "__init__.py").read_text("utf-8").split('"""')[1]
+    names: dict[str, Any] = {}
+    exec("import numpy as np\n" + "\n".join(re.findall(r"^(?:>>>|\.\.\.) (.*)$", text, re.MULTILINE)), names)
+    return names
+
+
+@pytest.fixture(autouse=True)
+def shared_example(request: pytest.FixtureRequest) -> None:
+    """The robot on a line, for examples that name it."""
+    if (example := getattr(request.node, "dtest", None)) and "With the robot on a line" in example.docstring:
+        example.globs.update(robot_on_a_line())

@@ -87,7 +87,8 @@ def draw(context: Context) -> Figure:
     tiles = [["tubes", "chase"], ["bar", "chase"], ["ends", "ends"]]
     parts = figure.subplot_mosaic(tiles, height_ratios=(1.0, 0.05, 0.75))
     plotting.draw_tubes(parts["tubes"], found.full, through=EVADER_AT)
-    parts["tubes"].set_title(f"(a) evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m")
+    nodes = found.full.grid.shape[0]
+    parts["tubes"].set_title(f"(a) evader at ({EVADER_AT[2]:.2f}, {EVADER_AT[3]:.2f}) m, {nodes} nodes an axis")
     draw_steps_bar(parts["bar"], found.full.steps, "steps to go, $n$; 0: it is caught")
     draw_workspace_run(parts["chase"], found.full.problem, found.chase)
     parts["chase"].set_title(f"(b) a chase of {found.chase.times[-1]:.1f} s, the worst evader")

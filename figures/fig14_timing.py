@@ -40,7 +40,7 @@ LOOKS: dict[str, dict[str, Any]] = {
 ROUNDS = 3
 SHORT = 2.0  # seconds of a method's rounds after which it has no other: what takes longer scatters less
 ENOUGH = 0.5  # seconds of steps of the recursion that are timed, or one step
-LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"
+LINE = "{:>5}  {:<14}  {:>8}  {:>12}  {:>5}  {:>12}"  # which `printed` reads
 Measured = Mapping[str, Mapping[str, Mapping[int, float]]]  # as in LOOKS, by method, by nodes
 
 
@@ -81,8 +81,19 @@ def measure(nodes: Sequence[int], say: Callable[[str], Any]) -> Measured:
             for method, spent, updated in zip(methods, seconds, updates, strict=True):
                 found[name][method][count], found["node updates"][method][count] = spent, updated
             counted = f"{updates[0] / updates[1]:.1f}" if name != "default" else ""
-            told = *(f"{spent:.1f}" for spent in seconds), f"{seconds[0] / seconds[1]:.1f}"
+            told = *(f"{spent:.2f}" for spent in seconds), f"{seconds[0] / seconds[1]:.1f}"
             say(LINE.format(count, name, *told, counted))
+    return found
+
+
+def printed(lines: Sequence[str]) -> Measured:
+    """What `measure` has found, from the lines that it said: to a hundredth of a second."""
+    found: dict[str, dict[str, dict[int, float]]] = {name: {"hji": {}, "projected": {}} for name in SCHEMES}
+    for line in lines:
+        nodes, scheme, *seconds = line[:5], line[7:21].strip(), line[21:31], line[31:45]
+        if scheme in SCHEMES:
+            for method, spent in zip(PAPER_SECONDS, seconds, strict=True):
+                found[scheme][method][int(nodes)] = float(spent)
     return found
 
 

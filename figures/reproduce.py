@@ -86,6 +86,7 @@ def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
     ]
     with replaced_whole(out / "results.md") as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
+    click.echo("\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -1,24 +1,29 @@
 """Pictures for the site's gallery, made small from those in a folder: python figures/shrink.py results."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from common import HERE, NAMES
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 WIDTH, COLOURS = 700, 128
 WIDE = {"extra_overview": 1100, "fig10_tubes": 1100}  # at the top of a page
 
 
-def shrink(folder: Path) -> None:
-    """Put each figure that the folder holds as PNG into figures/gallery/."""
-    for path in (folder / f"{name}.png" for name in NAMES):
+def shrink(folder: Path, names: Sequence[str] = NAMES, printed: str = "") -> None:
+    """Put each figure that the folder holds as PNG into figures/gallery/; `printed`: the digest of what it shows."""
+    told = PngInfo()
+    if printed:
+        told.add_text("printed", printed)
+    for path in (folder / f"{name}.png" for name in names if name in NAMES):
         if path.is_file():
             with Image.open(path) as image:
                 small = image.convert("RGB")
             width = WIDE.get(path.stem, WIDTH)
             small.thumbnail((width, width))
-            small.quantize(COLOURS).save(HERE / "gallery" / path.name, optimize=True)
+            small.quantize(COLOURS).save(HERE / "gallery" / path.name, optimize=True, pnginfo=told)
 
 
 if __name__ == "__main__":

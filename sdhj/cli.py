@@ -285,6 +285,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     for name, entry in sets_in(head).items():
         if name in found:
             chosen = "" if entry.get("sampling", "nodes") == "nodes" else f", sampling {entry['sampling']}"
+            chosen += f", under inputs {', '.join(map(str, entry['inputs']))}" if "inputs" in entry else ""
             *letters, value = shown(found[name].outputs, [grid.names[axis] for axis in entry["axes"]])
             lines.append(f"{entry['kind']} {entry['name']!r}{chosen}:")
             lines += [f"  {one}" for one in (*letters, f"{value} <= 0")]

@@ -108,6 +108,16 @@ def solve(
         If more memory is needed than is available; raised before anything is solved.
     OSError, TableFileError
         If the store cannot be written, exists already, belongs to another problem or is damaged.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, by finite differences, and certified:
+
+    >>> round(sdhj.solve(problem).fraction(start=0, within=3), 3)
+    0.537
+    >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+    >>> proved.method, bool(proved.fraction(start=0, within=3) > 0.5)
+    ('certified', True)
     """
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
@@ -295,6 +305,16 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         If the file is damaged, cut short, of another kind or of another version, or was solved for another problem.
     ValueError
         If `path` or `problem` has the wrong type.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`:
+
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.h5"
+    >>> table.save(path)
+    >>> sdhj.load(path).contains([[-2.1]], start=0, within=3)
+    array([ True])
     """
     if not isinstance(problem, ReachAvoidProblem | None):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")

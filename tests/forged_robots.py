@@ -39,6 +39,12 @@ def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", u
     )
 
 
+def forbidden():
+    """A line on which two inputs are each forbidden somewhere, one of them in the target."""
+    level = [lambda p, t, at=at: np.abs(p[:, 0] - at) - 0.3 for at in (-2.0, 0.0)]
+    return line(unsafe=[sdhj.UnsafeSet((0,), one, inputs=[j]) for one, j in zip(level, (2, 0), strict=True)])
+
+
 def crossed(*, speed=1.0, begin=2.9, **given):
     """A line that a post comes along, as fast as the robot."""
     post = sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - begin + speed * t) - 0.05, name="post")
@@ -297,6 +303,7 @@ def cornered(**dynamics):
 
 ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
     "line": (line, (80,), 1),
+    "forbidden": (forbidden, (80,), 1),
     "crossed": (crossed, (80,), 2),
     "sensed": (sensed, (160,), 2),
     "held": (lambda: sensed(push=0.1), (160,), 2),
@@ -613,6 +620,7 @@ FORGERIES: dict[str, Forgery] = {
     "a post not met at the end": Forgery("line", CLEAR, clears(0, 12)),
     "the far half of a tube": Forgery("line", CLEAR, clears(2, 5)),
     "the second post": Forgery("line", CLEAR, clears(1, 69)),
+    "an input where it is forbidden": Forgery("forbidden", CLEAR, clears(2, 18)),
     "a set that is closed": Forgery("line", CLEAR, level("unsafe 0", "const 0x0p+0")),
     "a set nearer than rounding": Forgery(
         "line", CLEAR, both(level("unsafe 1", *FURTHER), only_clear(1, 69)), becomes=lambda: line(push=0.0)
@@ -811,6 +819,9 @@ FORGERIES |= {f"head: {name}": Forgery("windy", said, head(change)) for name, (c
 FORGERIES |= {  # a robot that is soon looked through
     "head: periods": Forgery(
         "line", "periodic must be true or false", head(lambda told: told["grid"].update(periodic=["no"]))
+    ),
+    "head: inputs of a set": Forgery(
+        "forbidden", "inputs of an unsafe set must be", head(lambda told: told["sets"][1].update(inputs=[3]))
     ),
     "head: memory": Forgery(
         "line", "memory must be true or false", head(lambda told: told.update(sensing={"error": 0.1, "memory": 2}))

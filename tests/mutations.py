@@ -123,9 +123,11 @@ PROVER = tuple(
         "kernels/pieces",
         "kernels/stencils",
         "kernels/windows",
+        "kernels/oblique",
         "certified/cells",
         "certified/bounds",
         "certified/word_tubes",
+        "certified/oblique",
         "certified/images",
         "certified/general_proof",
     )

@@ -500,7 +500,7 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
         return np.where(met[:, None] & (np.arange(len(times)) == CHECKED_INSTANTS - 1), -1.0, 1.0)
 
     problem: Any = SimpleNamespace(
-        inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe_along=unsafe_along
+        inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
     table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at)
     table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)

@@ -1,5 +1,6 @@
 """What a grid does not see of an unsafe set it says, and a sampling by cells sees everything."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -380,3 +381,43 @@ def test_what_is_periodic_or_comes_by_is_not_told(method):
     for changes in ({}, {"drift": around}, {"sampling": "cell"}, {"axes": (1,), "level": late}):
         with warnings.catch_warnings(action="error"):
             sdhj.solve(on_the_ring(**changes), METHODS[method], play=False, progress=False)
+
+
+def beside_a_square(flat, deep, sampling="nodes"):
+    """A robot that turns beside a square of 1 m, whose function falls by `deep` within it or, flat, no farther."""
+
+    def level(p, t):
+        far = np.abs(p[:, :2]) - (0.5 - deep)
+        outside = np.hypot(np.maximum(far[:, 0], 0.0), np.maximum(far[:, 1], 0.0))
+        return outside - deep if flat else outside + np.minimum(far.max(axis=1), 0.0) - deep
+
+    turned = lambda q, u: np.stack([np.cos(q[:, 2] + u[0]), np.sin(q[:, 2] + u[0]), 0.0 * q[:, 2]], axis=1)  # noqa: E731
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0, -np.pi], [2.0, 2.0, np.pi], [41, 41, 8], periodic=[False, False, True]),
+        sdhj.Dynamics([[0.0], [1.0]], turned, np.zeros((3, 1)), [0.0]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.2, p[:, 1] - 0.8) - 0.4),
+        [sdhj.UnsafeSet((0, 1), level, name="square", sampling=sampling)],
+        0.25,
+        1,
+    )
+
+
+@pytest.mark.parametrize(
+    ("flat", "deep", "sampling", "told"),
+    [
+        (True, 0.05, "nodes", True),  # half a cell
+        (True, 0.12, "nodes", True),
+        (False, 0.05, "nodes", False),
+        (True, 0.3, "nodes", False),  # three cells
+        (True, 0.0, "nodes", False),  # 0 in the whole set
+        (True, 0.05, "steep", False),  # as the warning advises
+        (True, 0.05, "cell", False),
+    ],
+)
+def test_a_function_that_is_flat_just_below_zero_is_told(flat, deep, sampling, told):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_resolution(beside_a_square(flat, deep, sampling))
+    said = [str(one.message) for one in caught]
+    assert len(said) == told
+    assert not told or re.search('\'square\' is flat inside.*negative inside.*"steep".*"cell"', said[0])

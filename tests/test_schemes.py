@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from plain import run_plainly
 
+import sdhj
 from sdhj import Grid, Scheme
 from sdhj.kernels.stages import HAMILTONIANS
 from sdhj.problem.interval import Velocities
@@ -417,3 +418,24 @@ def test_inputs_at_once_are_those_one_by_one(rng, fields):
         np.testing.assert_array_equal(found[j], alone)
     coupled = Velocities(lower[0], lower[0] + 0.5, drift=lower[:1], gain=np.zeros((1, 2, *lower.shape[1:])))
     assert together(grid, [each[0], coupled], scheme) is None
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_a_half_turn_changes_no_bit_of_a_table(order):
+    """In the fixed frame; in the moving one, in double precision, no more than rounding."""
+    ways = 0.5 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
+
+    def values(sign, **scheme):
+        problem = sdhj.ReachAvoidProblem(
+            sdhj.Grid([-2.5, -2.5], [2.5, 2.5], [41, 41]),  # nodes that are mirror images to the last bit
+            sdhj.Dynamics(sign * ways, sign * ways, np.eye(2), [0.1, 0.1]),
+            sdhj.TargetSet((0, 1), lambda p, t: np.hypot(sign * p[:, 0] - 0.7, sign * p[:, 1] - 0.4) - 0.4),
+            [sdhj.UnsafeSet((0, 1), lambda p, t: np.abs(sign * p + [0.2, -0.1]).max(axis=1) - 0.35)],
+            0.25,
+            6,
+        )
+        table = sdhj.solve(problem, sdhj.HJI(sdhj.Scheme(order=order, **scheme)), progress=False, play=False)
+        return table.values()[::sign, ::sign]
+
+    assert np.array_equal(values(1, frame="fixed"), values(-1, frame="fixed"))
+    np.testing.assert_allclose(values(1, dtype="float64"), values(-1, dtype="float64"), rtol=0, atol=1e-9)

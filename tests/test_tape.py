@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import tapes
 
+import sdhj
+from sdhj.formulas.formula import Formula
 from sdhj.formulas.rules import RULES
 
 AWKWARD = [0.0, 1.0, 0.5, 2.0, 7 / 16, 19 / 16, math.pi / 4, math.pi / 2, math.pi, 0.1, 3.0, 100.0, 1e6, 1e10]
@@ -310,6 +312,33 @@ def test_intervals_of_tables_hold_what_is_exact(axes):
             shares = [x - n if side else 1 - x + n for x, n, side in zip(place, left, corner, strict=True)]
             value += math.prod(shares) * exact[3][tuple(n + side for n, side in zip(left, corner, strict=True))]
         assert least <= value <= most
+
+
+@pytest.mark.parametrize("shape", [(900,), (130, 45), (31, 5, 40)])
+def test_bounds_of_boxes_with_many_nodes(shape):
+    """They hold all values in a box, and are those of a box that is longer by at most a quarter of its longest side."""
+    rng = np.random.default_rng(len(shape))
+    steps = [
+        np.cumsum(rng.normal(size=n)).reshape([-1 if k == axis else 1 for k in range(len(shape))])
+        for axis, n in enumerate(shape)
+    ]
+    table, last = sum(steps) + rng.normal(size=shape), np.array(shape) - 1.0
+    formula = Formula.traced("a table", sdhj.gridded(table, [-1.0] * len(shape), [0.5] * len(shape)), len(shape), 0)
+    low, high = np.sort(rng.uniform(-0.1, 1.1, (2, 300, len(shape))), axis=0) * last
+    found = tapes.bounds(formula.tape, low / 2 - 1.0, high / 2 - 1.0)[:, 0]
+    many = 0
+    for a, b, least, most in zip(low, high, *found, strict=True):
+        a, b = np.clip(a, 0.0, last), np.clip(b, 0.0, last)
+        nodes = table[tuple(slice(int(np.ceil(x)), int(np.floor(y)) + 1) for x, y in zip(a, b, strict=True))]
+        room = (b - a).max() / 4 + 1
+        begin, end = np.floor(np.maximum(a - room, 0)), np.ceil(np.minimum(b + room, last))
+        around = table[tuple(slice(int(x), int(y) + 1) for x, y in zip(begin, end, strict=True))]
+        values = formula(rng.uniform(a, b, (20, len(shape))) / 2 - 1.0)
+        assert least <= min(nodes.min(initial=np.inf), values.min())
+        assert most >= max(nodes.max(initial=-np.inf), values.max())
+        assert least >= around.min() - 1e-9 and most <= around.max() + 1e-9
+        many += nodes.size > 300
+    assert many > 30
 
 
 def check_random_tapes(seed, count):

@@ -1,6 +1,7 @@
 """Many runs of several tables against several adversaries, one row for each pair.
 
-`python figures/studies/campaign.py TABLE...` plays them; runs go in batches, so that tens of millions need no more
+`python figures/studies/campaign.py TABLE...` plays tables from files, or, for the name of a method such as hji, the one
+of the paper's arm; runs go in batches, so that tens of millions need no more
 memory than one batch.
 """
 
@@ -24,6 +25,7 @@ from sdhj.problem.checks import whole
 from sdhj.simulation.adversaries import ADVERSARIES
 from sdhj.simulation.outcomes import OUTCOMES
 from sdhj.simulation.runs import monte_carlo
+from sdhj.solving import METHODS
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 from sdhj.table.files import replaced_whole
@@ -138,6 +140,7 @@ def write_rows(rows: Sequence[Row], folder: Path, note: str) -> list[Path]:
     lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head), *map(_line, rows), "", note, ""]
     with replaced_whole(page) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
+    click.echo("\n".join(lines))
     return [table, page]
 
 
@@ -164,7 +167,10 @@ def upper_bound(starts: int) -> float:
 def main(tables: tuple[Path, ...], runs: int, adversaries: str, rule: str, seed: int, out: Path) -> None:
     """Play tables against every adversary, also one that searches for the runs that fail; millions of runs."""
     writable_folder(out)  # before long work
-    read = {path.stem: sdhj.load(path) for path in tables}
+    read = {
+        path.stem: sdhj.solve(sdhj.arm_case_study(), str(path)) if str(path) in METHODS else sdhj.load(path)
+        for path in tables
+    }
     if len(read) < len(tables):
         raise ValueError("two of the tables have the same file name; rename one, as rows are called by it")
     rows = campaign(read, adversaries.split(","), runs=runs, rule=rule, seed=seed)

@@ -53,6 +53,7 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     numba.set_num_threads(1)
+    print("| | cells | proved | time | SCOTS's share | Dionysos.jl |\n| --- | --- | --- | --- | --- | --- |")
     vehicle, converter = maze.maze(), extra_dcdc.dcdc()
     for name, problem, cells, parts, scots, published in (
         ("maze", vehicle, maze.CELLS, 10, maze.SCOTS_SHARE, 15.0),

@@ -10,7 +10,8 @@ sys.path.append(str(Path(__file__).resolve().parents[2] / "figures"))  # the scr
 import boat
 from charts import METHOD_NAMES, draw_fractions, draw_sweep
 from common import PAPER_NODES, Context, draw, starts_of_runs, title
-from fig14_timing import PAPER_SECONDS, draw_timings
+from fig14_timing import PAPER_SECONDS, draw_timings, printed
+from keep import kept
 from surfaces import LIGHT, block, draw_isosurface, isosurface
 
 __all__ = [
@@ -26,7 +27,9 @@ __all__ = [
     "draw_sweep",
     "draw_timings",
     "isosurface",
+    "kept",
     "paper_figure",
+    "printed",
     "starts_of_runs",
 ]
 

@@ -6,10 +6,13 @@ python -m sphinx -c notebooks/site notebooks build/site
 
 import ast
 import html
+import inspect
 import itertools
 import json
 import os
+import pydoc
 import re
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +51,7 @@ suppress_warnings = ["myst.header", "mystnb.unknown_mime_type"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+autodoc_mock_imports = [] if find_spec("gymnasium") else ["gymnasium"]
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 
@@ -132,6 +136,20 @@ def with_rules(app: Any, docname: str, source: list[str]) -> None:
     for mark, made in {"table of sdhj.formulas.rules.RULES": rows, "lines of a moving disk": lines}.items():
         before, after = source[0].split(f"<!-- the {mark} -->")
         source[0] = "\n".join([before.rstrip(), "", *made, after])
+
+
+def with_classes(app: Any, docname: str, source: list[str]) -> None:
+    """The reference: beside the link to each class the first sentence of its docstring."""
+    if docname != "site/api":
+        return
+    pages = Path(__file__).parent / "api"
+
+    def sentence(mark: re.Match[str]) -> str:
+        (name,) = re.findall(r"autoclass:: (\S+)\n", (pages / f"{mark[1]}.md").read_text("utf-8"))[:1]
+        found = pydoc.locate(name)  # None where an extra is not installed
+        return f": {(inspect.getdoc(found) or '').splitlines()[0]}" if found else ""
+
+    source[0] = re.sub(r"<!-- (\w+) -->", sentence, source[0])
 
 
 def link_to_notebook(notebook: Any, name: str) -> None:
@@ -252,4 +270,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("source-read", as_page)
     app.connect("source-read", with_figures)
     app.connect("source-read", with_rules)
+    app.connect("source-read", with_classes)
     return {"parallel_read_safe": True}

@@ -135,6 +135,13 @@ def arm_case_study(
         If an argument is invalid; the message names it.
     MemoryError
         If there is not enough memory for that many nodes.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> problem = sdhj.arm_case_study(nodes=9, v_p_max=0.1)
+    >>> problem.grid.shape, problem.inputs.shape
+    ((9, 9, 9, 9), (25, 2))
     """
     recipe = _recipe("arm_case_study", locals())  # only the arguments here
     return _problem(recipe, *_sets(_scene(recipe)))
@@ -173,6 +180,12 @@ def evader_case_study(
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
         The evader's radius, and half the side of the square that its centre stays in, m.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> sdhj.evader_case_study(nodes=9, steps=3).target.axes
+    (0, 1, 2, 3)
     """
     recipe = _recipe("evader_case_study", locals())  # only the arguments here
     return _problem(recipe, *_sets(_scene(recipe)))

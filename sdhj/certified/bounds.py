@@ -49,7 +49,7 @@ class Bounds:
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
         # obligation 2.22
-        return _within(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
+        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
@@ -59,11 +59,11 @@ class Bounds:
         if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
-        return _within(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
+        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
-        return _within(
+        return within_grid(
             self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.bounds_by_branch(a, b, (t0, t1))
         )
 
@@ -139,7 +139,7 @@ def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
     return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
 
 
-def _within(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
+def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
     """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]

@@ -127,6 +127,8 @@ class _Cell:
     def uncovered(self, j: int) -> Failure:
         """Of the cell's image, as the proof has it, the cells that are not certified."""
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
+        held = self.table.proof.in_image(cells, self.cell, j, self.step)
+        cells, missing = cells[held], missing[held]
         counts, lost = self.table.cells.counts, cells[missing]
         if not len(lost):
             return Failure(j, "", 0.0, "all cells that it may lead to are certified")
@@ -166,7 +168,7 @@ class _Cell:
             yield f"the lower end of {name}", low[:, k] - lower + NEGLIGIBLE * scales[k]
             yield f"the upper end of {name}", upper - high[:, k] + NEGLIGIBLE * scales[k]
         late = self.problem.sensing.jitter
-        for unsafe_set in self.problem.unsafe:
+        for unsafe_set in (one for one in self.problem.unsafe if one.counts(j)):
             own, least = list(unsafe_set.axes), []
             pieces = int(TRIED ** (1 / len(own)))
             corners = np.indices([pieces] * len(own)).reshape(len(own), -1).T

@@ -88,6 +88,16 @@ def export_c(
         If the table is none that can be exported, or an option does not fit.
     OSError
         If the folder cannot be written.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, certified:
+
+    >>> import tempfile
+    >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+    >>> robot = sdhj.export_c(proved, tempfile.mkdtemp())
+    >>> robot.nbytes < 10_000
+    True
     """
     if not isinstance(table, CertifiedTable):
         raise ValueError(

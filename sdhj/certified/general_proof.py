@@ -18,6 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.certified.oblique import Drawing, lines_in_file, most_bytes
 from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
@@ -109,6 +110,7 @@ def peak(
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if len(axes) >= LEAST_AXES else 0
+    needed += most_bytes(problem, axes, own)
     return needed + 16 * PLACES * len(axes) * parts + round(BYTES_OF_A_BOX * max(boxes, default=0))
 
 
@@ -137,7 +139,7 @@ class GeneralProof(Images):
     @property
     def nbytes(self) -> int:
         """Bytes that the arrays take in memory."""
-        arrays = [*vars(self).values(), *self.layout]
+        arrays = [*vars(self).values(), *self.layout, *self.lines]
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
@@ -170,13 +172,16 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file: parts of an interval, axes of a place, and E."""
-        return {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and room."""
+        told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        lines = self.lines
+        return told | ({"normals": lines.normals.tolist(), "room": lines.room.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
-        for name in ("low", "high", "clear"):
-            file.create_dataset(name, data=getattr(self, name), compression="gzip", shuffle=True)
+        arrays = {name: getattr(self, name) for name in ("low", "high", "clear")}
+        for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
+            file.create_dataset(name, data=data, compression="gzip", shuffle=True)
 
     @classmethod
     def load(
@@ -188,7 +193,10 @@ class GeneralProof(Images):
         strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        return cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
+        proof = cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
+        if "normals" in stated:
+            proof.__dict__["lines"] = lines_in_file(stated, file, proof)
+        return proof
 
     # ---- the recursion; sets are (rows, W) uint64
 
@@ -211,16 +219,19 @@ class GeneralProof(Images):
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
         finest, in_words = EVALUATED // (self.low[..., 0].size * self.parts * 2), self.met_in_words
+        drawing = Drawing(self)
         tubes = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, swept: FloatArray) -> None:
-            """Take away what is met cell by cell, and keep the tubes for the rest."""
+            """Take away what is met cell by cell, draw lines, and keep the tubes for the rest."""
             self._mark_collisions(lattices, start, j, some, swept)
+            drawing.add(start, j, some, swept)
             if in_words:
                 tubes[start, j, some] = swept
 
         lattices = self._lattices(progress)
         self.fill(min(max(finest, 1), FINEST), progress, use)
+        self.__dict__["lines"] = drawing.lines
         for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
             self._mark_in_words(unsafe_set, tubes[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear))
@@ -233,6 +244,11 @@ class GeneralProof(Images):
         tubes = math.prod(self.low.shape[:-1]) * self.parts
         few, own = tubes <= TUBES_AT_HAND, self.strides > 0
         return [one for one in self.problem.unsafe if few and in_words(len(own), own, self.past, one.axes)]
+
+    @property
+    def _met_by_cells(self) -> list[UnsafeSet]:
+        """The other unsafe sets."""
+        return [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
         """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""
@@ -257,7 +273,7 @@ class GeneralProof(Images):
                     # obligation 4.58
                     some = np.arange(part, inputs * parts, parts) if len(each) > 1 else np.arange(inputs * parts)
                     for tubes_met, cells in united(boxes, lattice, a, b, some, len(own) - 1):
-                        for j in np.unique(tubes_met // parts):
+                        for j in filter(unsafe_set.counts, np.unique(tubes_met // parts).tolist()):
                             met[j] |= cells
                 begin = self.layout.begin[place] + rows
                 steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
@@ -279,10 +295,12 @@ class GeneralProof(Images):
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
             self._once(steps, j, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
-        for lattice in (one for one in lattices if len(one) == 1):  # obligation 4.9
+        # obligation 4.47
+        own = [one for one, part in zip(lattices, self._met_by_cells, strict=True) if part.counts(j)]
+        for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
             self._met(steps, j, tubes, places, lattice[0], bit)
         for step in range(len(self.clear))[steps]:
-            for lattice in (one for one in lattices if len(one) > 1):  # obligation 4.10
+            for lattice in (one for one in own if len(one) > 1):  # obligation 4.10
                 self._met(slice(step, step + 1), j, tubes, places, lattice[step], bit)  # obligation 4.11
 
     def _met(self, steps: slice, j: int, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
@@ -330,10 +348,9 @@ class GeneralProof(Images):
 
     def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
         """For each unsafe set that is met cell by cell a lattice for each step, or one where it stands still."""
-        some = [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
         return [
             [lattice_of(self.bounds, self.axes, part, times, len(spans), self._sway) for times in spans]
-            for part in tqdm(some, desc="unsafe sets", leave=False, disable=hidden(progress))
+            for part in tqdm(self._met_by_cells, desc="unsafe sets", leave=False, disable=hidden(progress))
             for spans in [self._spans(part)]
         ]
 
@@ -346,7 +363,7 @@ class GeneralProof(Images):
         # obligation 9.6
         times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         for unsafe_set in problem.unsafe:
-            if unsafe_set.moving:
+            if unsafe_set.moving and unsafe_set.inputs is None:
                 out &= self.over_cells(unsafe_set, times) > 0  # obligation 9.4
         if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
@@ -357,7 +374,7 @@ class GeneralProof(Images):
         """Cells outside the unsafe sets that stand still."""
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         for unsafe_set in self.problem.unsafe:
-            if not unsafe_set.moving:
+            if not unsafe_set.moving and unsafe_set.inputs is None:
                 out &= self.over_cells(unsafe_set, self._always) > 0  # obligation 9.3
         return out
 

@@ -33,13 +33,14 @@ from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
+from sdhj.certified.oblique import Lines, no_lines
 from sdhj.certified.word_tubes import Lattice, far_beyond, in_words, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
-from sdhj.kernels.stencils import Moves, grow, reached_words
+from sdhj.kernels.stencils import Moves, grow, has_lines, reached_words
 from sdhj.kernels.windows import add_led
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -127,6 +128,10 @@ class Proof:
     def places(self, some: FloatArray) -> FloatArray:
         """The number of the place of each cell (M, ndim), (M,): cells at one place move alike."""
         return np.zeros(len(some), np.int64)
+
+    def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
+        """Which of the cells (M, ndim) of the box `image` are in the image of a cell under u_j, (M,) bool: all."""
+        return np.ones(len(cells), np.bool_)
 
     @property
     def rows(self) -> int:
@@ -245,20 +250,43 @@ class Images(Proof):
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
         return np.stack(self.problem.grid.faces("frees"))
 
+    @cached_property
+    def lines(self) -> Lines:
+        """The lines of oblique images; there are none where no proof puts them here."""
+        return no_lines(len(self.axes))
+
     def moves(self, step: int) -> Moves:
         """Those of the interval from a step."""
-        start = min(step, len(self.low) - 1)
-        return Moves(self.low[start], self.high[start], self.strides, self.past)
+        start, lines = min(step, len(self.low) - 1), self.lines
+        each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
+        oblique: Any = read_only(lines.normals.any(axis=0))
+        return Moves(self.low[start], self.high[start], self.strides, self.past, read_only(each), oblique, lines.room)
 
     @cached_property
     def along(self) -> int:
-        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none."""
+        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none.
+
+        Nor is there one where images are lines.
+        """
         shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
+        if len(self.lines.normals):  # an image is no product of what it is along the axes
+            return -1
         return int(shift_invariant[-1]) if shift_invariant.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
         """The numbers sum(cell * strides) of cells (M, ndim): (M,)."""
         return np.asarray(some @ self.strides)
+
+    def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
+        """Which of the cells (M, ndim) of the box `image` are in the image: (M,) bool."""
+        moves, place = self.moves(step), int(cell @ self.strides)
+        if not has_lines(cell, moves, self.cells, len(cell)):
+            return super().in_image(cells, cell, j, step)
+        low, high, number = moves.low[j, place].astype(np.int64), moves.high[j, place].astype(np.int64), 0 * cells[:, 0]
+        for axis in np.flatnonzero(moves.oblique[:-1]).tolist():
+            number = number * (high[axis] - low[axis] + 1) + cells[:, axis] - cell[axis] - low[axis]
+        first, last = moves.lines[j, place, number].T
+        return np.asarray((cell[-1] + first <= cells[:, -1]) & (cells[:, -1] <= cell[-1] + last))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
@@ -279,7 +307,8 @@ class Images(Proof):
     ) -> None:
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
         every = range(len(self.axes))
-        if in_words(len(every), self.strides > 0, self.past, every) and groups == 1 and clear.size:
+        boxes_alone = not len(self.moves(step).lines) and groups == 1
+        if boxes_alone and clear.size and in_words(len(every), self.strides > 0, self.past, every):
             self._add_alike(cells, following, step, clear)
             return
         near = np.full(cells.shape, changed is None)
@@ -339,13 +368,17 @@ class Images(Proof):
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """`swept` of cells at some places (M,). On the axes that are carried along they may be anywhere."""
+        return self.swept(self.boxes(places), j, time, pieces)
+
+    def boxes(self, places: FloatArray) -> FloatArray:
+        """Cells at some places (M,) and what counts as in them: (2, M, ndim), the axes that are carried along whole."""
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
             start[0, :, k] = grid.lower[k] if shift_invariant[k] else axis.edges()[own] - self.shell[k]
             # obligation 2.21
             start[1, :, k] = grid.upper[k] if shift_invariant[k] else axis.edges()[own + 1] + self.shell[k]
-        return self.swept(start, j, time, pieces)
+        return start
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
         """How far the ends of boxes (2, M, ndim) move under u_j from a time on, with so many pieces a part.

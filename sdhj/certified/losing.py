@@ -86,9 +86,10 @@ class LosingProof(Images):
     @kept
     def inside(self) -> list[FloatArray]:
         """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
-        moving = [part for part in self.problem.unsafe if part.moving]
+        always = [part for part in self.problem.unsafe if part.inputs is None]  # of others a state is not lost
+        moving = [part for part in always if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
-        for part in self.problem.unsafe:
+        for part in always:
             still |= False if part.moving else self.over_cells(part, self._always) < 0
         out = []
         for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):

@@ -298,7 +298,8 @@ class CertifiedTable(Table):
         clear = self._words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
-        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1)).reshape(clear.shape)
+        inputs = np.tile(np.arange(clear.shape[1]), len(states))
+        near = -self.problem.unsafe_value(ends, self.problem.time(step + 1), inputs).reshape(clear.shape)
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
@@ -375,7 +376,21 @@ class CertifiedTable(Table):
         return lost_cells(self.problem, self.axes, self.proof.parts)
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
-        """Share of the state space proved neither won nor lost, the most that more cells can still decide."""
+        """Share of the state space proved neither won nor lost, the most that more cells can still decide.
+
+        Raises
+        ------
+        ValueError
+            If `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, certified:
+
+        >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
+        >>> bool(0 <= proved.unknown() < 0.3)
+        True
+        """
         return 1.0 - sum(table.fraction(start=start, within=within) for table in (self, self.losing))
 
     def steps_of_rounding(self, rounding: float = 1e-14) -> int:

@@ -44,7 +44,19 @@ state = _State()
 
 
 class NotTraced(ValueError):
-    """Something in a function that formulas do not know: what, and how to write it."""
+    """Something in a function that formulas do not know: what, and how to write it.
+
+    Examples
+    --------
+    A function that decides by a number that is known only later:
+
+    >>> import sdhj
+    >>> try:
+    ...     sdhj.UnsafeSet((0,), lambda p, t: p[:, 0] if p[0, 0] > 0 else -p[:, 0])
+    ... except sdhj.NotTraced as error:
+    ...     print("not read")
+    not read
+    """
 
     def __init__(self, what: str, instead: str = "") -> None:
         """Say what cannot be traced and what to write instead, and remember it with its place in the user's code."""

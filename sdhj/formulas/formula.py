@@ -25,7 +25,7 @@ from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels import tape as tapes
 from sdhj.kernels.intervals import TINY
-from sdhj.kernels.tape import Tape, packed
+from sdhj.kernels.tape import Packable, Tape, packed
 
 WIDE = 1e-6  # of an interval at one point, beside 1 and its value: there is a jump
 BESIDE = 1e-7  # of a coordinate, beside 1: so far off is what is not on a line
@@ -234,14 +234,14 @@ class Formula(Remembering):
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
-def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
+def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
     """The arrays of a `Tape` that computes some nodes; a slot is used again once nothing more reads it."""
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
     last |= dict.fromkeys(outputs, len(order))
     slots: dict[Node, int] = {}
     code, value, free, top = np.zeros((len(order), 5), np.int64), np.zeros(len(order)), list[int](), 0
-    lookups, tables = list[tuple[Node, list[int]]](), dict[str, tuple[int, Lookup]]()
+    lookups, tables, flat = list[tuple[Node, list[int]]](), dict[str, int](), list[FloatArray]()
     for i, one in enumerate(order):
         used = [slots[arg] for arg in one.args]
         for arg in dict.fromkeys(one.args):
@@ -263,18 +263,16 @@ def program(outputs: Sequence[Node]) -> tuple[FloatArray, ...]:
             code[i, 2] = one.value[0]
         elif one.op in ("const", "power"):
             value[i] = one.value
-    found, places, starts = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12)), 0
+    found, places = np.zeros((len(lookups), 14), np.int64), np.zeros((len(lookups), 12))
     for row, (one, used) in enumerate(lookups):
         table, n = one.value, len(used)
         if table.digest not in tables:
-            tables[table.digest] = starts, table
-            starts += table.values.size
+            tables[table.digest] = sum(level.size for level in flat)
+            flat += [table.values, *tapes.pyramid(table.values)]
         found[row, 0], found[row, 1 : 1 + n], found[row, 7 : 7 + n] = n, used, table.values.shape
-        found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest][0], table.lower, table.spacing
-    flat = [table.values.ravel() for _, table in tables.values()] or [np.zeros(1)]
-    numbers = flat[0] if len(flat) == 1 else np.concatenate(flat)  # maps are large, and `packed` copies them
+        found[row, 13], places[row, :n], places[row, 6 : 6 + n] = tables[table.digest], table.lower, table.spacing
     results = np.array([slots[one] for one in outputs], np.int64)
-    return code, np.array([top]), results, found, value, places, numbers
+    return code, np.array([top]), results, found, value, places, flat or [np.zeros(1)]
 
 
 def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
@@ -530,13 +528,33 @@ def union(*functions: Any) -> Any:
 
 
 def intersection(*functions: Any) -> Any:
-    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t)."""
+    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> above, below = (lambda q, t: -q[:, 0]), (lambda q, t: q[:, 0] - 1.0)
+    >>> sdhj.intersection(above, below)(np.array([[0.25], [2.0]]), 0.0)
+    array([-0.25,  1.  ])
+    """
     _check_sets("intersection", functions)
     return lambda points, t: reduce(np.maximum, [function(points, t) for function in functions])
 
 
 def complement(function: Any) -> Any:
-    """The level-set function of all that is not in a set, from the set's: its negative."""
+    """The level-set function of all that is not in a set, from the set's: its negative.
+
+    Examples
+    --------
+    All but the inside of 0.5 m around the origin:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> outside = sdhj.complement(lambda q, t: abs(q[:, 0]) - 0.5)
+    >>> outside(np.array([[0.0], [2.0]]), 0.0)
+    array([ 0.5, -1.5])
+    """
     _check_sets("complement", (function,))
     return lambda points, t: -function(points, t)
 

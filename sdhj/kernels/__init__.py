@@ -26,6 +26,7 @@ def read_only(value: T) -> T:
 
 
 def _refuse(self: Any, *_: Any, **__: Any) -> Any:
+    """TypeError, which says how to write to a copy."""
     kind = "dict" if isinstance(self, dict) else "list"
     raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
 
@@ -34,11 +35,13 @@ class Sealed(dict[str, Any]):
     """A mapping that cannot be written, nor the mappings and lists in it; `dict(it)` is a copy that can."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
+        """A copy of a mapping, sealed at every depth."""
         super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
+        """It is sealed again when it is unpickled."""
         return Sealed, (dict(self),)
 
 
@@ -46,12 +49,14 @@ class SealedList(list[Any]):
     """A list that cannot be written, nor the mappings and lists in it; `list(it)` is a copy that can."""
 
     def __init__(self, given: Iterable[Any]) -> None:
+        """A copy of a list, sealed at every depth."""
         super().__init__(map(unwritable, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
     pop = remove = clear = sort = reverse = _refuse
 
     def __reduce__(self) -> Any:
+        """It is sealed again when it is unpickled."""
         return SealedList, (list(self),)
 
 
@@ -60,7 +65,8 @@ def unwritable(value: Any) -> Any:
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
-        return tuple(map(unwritable, value))
+        parts = tuple(map(unwritable, value))  # the same object where nothing of it could be written
+        return value if all(one is other for one, other in zip(parts, value, strict=True)) else parts
     return SealedList(value) if isinstance(value, list) else value
 
 
@@ -68,6 +74,8 @@ class kept(cached_property[T]):
     """A `cached_property` whose arrays, mappings and lists are read-only."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
+        """The property of a method, whose value is made read-only once it is found."""
+
         def found(self: Any) -> Any:
             """The value, made read-only."""
             return unwritable(read_only(function(self)))

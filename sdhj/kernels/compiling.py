@@ -181,6 +181,7 @@ class MachineCode:
     """
 
     def __init__(self, files: Any, source: str) -> None:
+        """The files of a kernel, in place of those that Numba would use, stamped with the sources that it rests on."""
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
         known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
         stamp = known or (files._source_stamp, sorted(sources().values()))
@@ -289,14 +290,17 @@ class Shared:
     looked, free = -GLANCE, (1, 1)  # when `free_cores` has looked last, and what it has found then and before
 
     def __init__(self, dispatcher: Any, least: int = 0) -> None:
+        """A parallel kernel, of which arrays of fewer than `least` entries are worth one thread only."""
         self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
+        """An attribute of the compiled function."""
         if name.startswith("__"):  # which copies ask of one that is still empty
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
     def __call__(self, *arguments: Any) -> Any:
+        """Run the kernel on the cores that are free; RuntimeError in a process that was forked off one with threads."""
         if Shared.lost:
             raise RuntimeError(
                 "this process was forked off one in which sdhj had started threads, which OpenMP does not survive; "

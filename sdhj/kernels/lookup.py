@@ -45,7 +45,7 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
     times = part(ints, floats, CHECK_TIMES)
     waiting = propose(np.int64(-1), within, states, rows, packs, ahead, out, samples)
     while waiting > 0:
-        if not evaluate(waiting, rows, packs, times, out[0], samples, work):
+        if not evaluate(waiting, rows, packs, times, out, samples, work):
             return False
         waiting = judge(waiting, rows, checks, times.size, out, samples)
         for k in range(waiting if checks == TRUE_SETS_TOO else 0):

@@ -21,12 +21,19 @@ class Moves(NamedTuple):
 
     strides (ndim,) int64: a cell is at the place sum(cell * strides). safe (2, ndim): the safe ends, infinite where
     there are none: of what is past one by a cell or more, and so by more than rounding, no cell is asked for.
+
+    Where images are oblique (`sdhj.certified.oblique`), lines (L, places, rows, 2) int16: the first and the last cell
+    along the last axis, from a cell's own on, of each row of the box on some `oblique` (ndim,) axes; room (2, ndim):
+    cells with fewer cells before or behind them have boxes. Else lines are of no inputs.
     """
 
     low: FloatArray
     high: FloatArray
     strides: FloatArray
     safe: FloatArray
+    lines: FloatArray = np.zeros((0, 0, 0, 2), np.int16)
+    oblique: FloatArray = np.zeros(0, np.bool_)
+    room: FloatArray = np.zeros((2, 0), np.int64)
 
 
 class Boxes(NamedTuple):
@@ -130,6 +137,53 @@ def rows_inside(total, cells, index, pool, scratch):
     return True
 
 
+@kernel(**UNCOUNTED)
+def has_lines(cell, moves, cells, axes):
+    """Whether the image of a cell is lines: it is far enough from the ends of the first `axes` axes."""
+    for axis in range(axes if moves.lines.shape[0] > 0 else 0):
+        # obligation 3.20
+        if cell[axis] < moves.room[0, axis] or cell[axis] >= cells.counts[axis] - moves.room[1, axis]:
+            return False
+    return moves.lines.shape[0] > 0
+
+
+@kernel(inline="always")
+def line_of_box(box, oblique):
+    """The number of the line that a begin of `box_of_image` stands at."""
+    line = 0
+    for axis in range(oblique.size - 1):
+        if oblique[axis]:
+            line = line * box[1, axis] + box[2, axis]
+    return line
+
+
+@kernel(**UNCOUNTED)
+def move_inside(cell, j, place, moves, cells, index, pool, scratch):
+    """`image_inside` of an image of `Moves`, which may be lines."""
+    last = cell.size - 1
+    total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
+    if not has_lines(cell, moves, cells, cell.size):
+        return rows_inside(total, cells, index, pool, scratch)
+    whole = cells.counts[last]
+    for _ in range(total):
+        line = moves.lines[j, place, line_of_box(scratch, moves.oblique)]
+        begin, end = cell[last] + line[0], cell[last] + line[1] + 1
+        if not cells.periodic[last]:
+            begin, end = min(max(begin, 0), whole - 1), max(min(end, whole), 1)
+        elif end - begin >= whole:
+            begin, end = 0, whole
+        else:
+            begin, end = begin % whole, begin % whole + end - begin
+        if line[0] <= line[1]:  # obligation 3.22
+            block = pool[index[row_of_box(scratch, cells)]]
+            if not has_bits(block, begin, min(end, whole)):  # obligation 3.23
+                return False
+            if end > whole and not has_bits(block, 0, end - whole):
+                return False
+        step_on(scratch[2], scratch[1], last)
+    return True
+
+
 @kernel(inline="always")
 def runs_of_ones(block, begin, length):
     """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are, length <= 64."""
@@ -140,6 +194,15 @@ def runs_of_ones(block, begin, length):
         high &= high >> np.uint64(more)
         run += more
     return low
+
+
+@kernel(inline="always")
+def runs(block, begin, length):
+    """`runs_of_ones` of any length; all ones where it is 0 or less."""
+    out = ~np.uint64(0)
+    for at in range(0, length, 64):
+        out &= runs_of_ones(block, begin + at, min(length - at, 64))
+    return out
 
 
 @kernel(**UNCOUNTED)
@@ -153,14 +216,21 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
+    inner = np.uint64(0)  # the cells of which images are lines
+    for bit in range(64 if has_lines(cell, moves, cells, last) else 0):
+        if moves.room[0, last] <= 64 * word + bit < count - moves.room[1, last]:  # obligation 3.25
+            inner |= BIT << np.uint64(bit)
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
-        length = min(length, count)
         for _ in range(total):
             block = extended[row_of_box(scratch, cells)]
-            for at in range(0, length, 64):
-                found[j] &= runs_of_ones(block, begin + at, min(length - at, 64))
+            if inner != ~np.uint64(0):
+                found[j] &= runs(block, begin, min(length, count)) | inner
+            if inner != 0:
+                line = moves.lines[j, place, line_of_box(scratch, moves.oblique)]
+                # obligation 3.26
+                found[j] &= runs(block, start + line[0], min(1 + line[1] - line[0], count)) | ~inner
             if found[j] == 0:
                 break
             step_on(scratch[2], scratch[1], last)
@@ -215,8 +285,7 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
                 if images_in.size > 0:
                     found = (images_in[at] >> np.uint64(bit & 63)) & BIT != 0
                 else:
-                    low, high = moves.low[at, place], moves.high[at, place]
-                    found = image_inside(cell, low, high, moves.safe, cells, index, pool, indices)
+                    found = move_inside(cell, at, place, moves, cells, index, pool, indices)
                 if found:
                     tried = j
                     break
@@ -522,9 +591,7 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
             if out[m, j]:
                 out[m, j] = ahead[m] > 0 and (safe[j >> 3] >> (j & 7)) & 1  # obligation 3.13
             if out[m, j] and len(sets) > 0:  # obligation 3.12
-                out[m, j] = image_inside(
-                    cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, sets[following], pool, scratch
-                )
+                out[m, j] = move_inside(cell, j, place, moves, cells, sets[following], pool, scratch)
 
 
 @kernel(nogil=True)

@@ -25,6 +25,7 @@ POW, EXP, LOG, SIN, COS, TAN, ARCTAN, ARCTAN2, TANH, ARCSIN, ARCCOS, HYPOT, MOD 
 SIGN, LESS, LESSEQ, EQUAL, NOT, SHARE, WHERE = range(31, 38)  # `_truths`
 
 BLOCK = 128  # points played at a time: rows of all slots stay in the first-level cache
+MOST_NODES = (0, 256, 256, 256, 256, 1024, 4096)  # by axes of a table: so many in a box are looked at, else blocks
 MANY = 2**23  # numbers in the program times points; fewer are not shared out to threads
 LARGEST = np.finfo(np.float64).max
 
@@ -33,14 +34,17 @@ LARGEST = np.finfo(np.float64).max
 FALLS, ABSOLUTE, DIRECT, ERROR, NEAR_ZERO, LOWEST, HIGHEST, COLUMNS = range(8)  # columns of what is known
 
 
+Packable = FloatArray | list[FloatArray]
+
+
 class Tape(NamedTuple):
     """A formula, ready to be played: seven arrays, `packed`. A result may be in the slot of an operand.
 
     code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one); of `x`
     and `p` a is the number of the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many.
     outputs (K,): slots of the results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first
-    entry in `tables`. value (n,) float64: of `const`; the exponent of `power`. places (G, 12): 6 times lower, 6 times
-    spacing. tables (T,)
+    entry in `tables`, where its `pyramid` follows. value (n,) float64: of `const`; the exponent of `power`. places
+    (G, 12): 6 times lower, 6 times spacing. tables (T,)
     """
 
     ints: FloatArray
@@ -50,18 +54,31 @@ class Tape(NamedTuple):
 CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
-def packed(*arrays: FloatArray) -> Tape:
+def pyramid(values: FloatArray) -> list[FloatArray]:
+    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few blocks."""
+    found, least, greatest = list[FloatArray](), values, values
+    while least.size > MOST_NODES[values.ndim]:
+        for axis in range(values.ndim):
+            begins = np.arange(0, least.shape[axis], 4)
+            least, greatest = np.minimum.reduceat(least, begins, axis), np.maximum.reduceat(greatest, begins, axis)
+        found += [least, greatest]
+    return found
+
+
+def packed(*arrays: Packable) -> Tape:
     """Arrays one behind the other, in one of whole numbers and one of others: Python hands over few arrays sooner.
 
-    Where the k-th begins and ends stands before the whole numbers; `part` finds it.
+    Where the k-th begins and ends stands before the whole numbers; `part` finds it. One that is a list is of its arrays
+    together, which are copied once: maps are large.
     """
     where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
     parts: tuple[list[FloatArray], list[FloatArray]] = ([where.ravel()], [np.zeros(0)])
-    for row, one in zip(where, arrays, strict=True):
-        sort = int(one.dtype.kind == "f")
-        parts[sort].append(one.ravel())
-        row[:] = ends[sort], ends[sort] + one.size
-        ends[sort] += one.size
+    for row, given in zip(where, arrays, strict=True):
+        some = given if isinstance(given, list) else [given]
+        sort, size = int(some[0].dtype.kind == "f"), sum(one.size for one in some)
+        parts[sort].extend(one.ravel() for one in some)
+        row[:] = ends[sort], ends[sort] + size
+        ends[sort] += size
     return read_only(Tape(np.concatenate(parts[0]).astype(np.int64), np.concatenate(parts[1])))
 
 
@@ -426,33 +443,104 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 
 @kernel(nogil=True, error_model="numpy")
+def _around(lookup, tables, first, last, block, at):
+    """Copy the values at the nodes from first to last, on each axis, into a block, one row behind the other."""
+    at[:], axes, place = first, lookup[0], 0
+    while at[0] <= last[0]:
+        index = np.int64(0)
+        for axis in range(axes):
+            index = index * lookup[7 + axis] + at[axis]
+        row = lookup[13] + index - at[axes - 1]
+        for k in range(first[axes - 1], last[axes - 1] + 1):
+            block[place] = tables[row + k]
+            place += 1
+        if axes == 1:
+            break
+        at[axes - 2] += 1
+        for axis in range(axes - 2, 0, -1):
+            if at[axis] > last[axis]:
+                at[axis] = first[axis]
+                at[axis - 1] += 1
+    return place
+
+
+@kernel(nogil=True, error_model="numpy")
+def _cut(block, before, count, behind, low, high):
+    """Values at the ends of an interval in place of those at the nodes around it, along one axis of a block.
+
+    The interval begins `low` of a cell behind the first node and ends `high` behind the last but one.
+    """
+    for row in range(before):
+        begin, end = row * count * behind, (row * count + count - 2) * behind
+        for k in range(behind):
+            first = (1.0 - low) * block[begin + k] + low * block[begin + behind + k]
+            last = (1.0 - high) * block[end + k] + high * block[end + behind + k]
+            block[begin + k], block[end + behind + k] = first, last
+
+
+@kernel(nogil=True, error_model="numpy")
+def _of_blocks(lookup, tables, first, last):
+    """The least and the greatest value at the nodes from first to last and some beside them: those of few blocks."""
+    axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
+    for axis in range(axes):
+        size *= lookup[7 + axis]
+    while total > MOST_NODES[axes]:
+        start += size * (2 if level else 1)  # behind the values, or the least and greatest of smaller blocks
+        level, size, total = level + 2, np.int64(1), np.int64(1)
+        for axis in range(axes):
+            size *= ((lookup[7 + axis] - 1) >> level) + 1
+            total *= (last[axis] >> level) - (first[axis] >> level) + 1
+    low, high = INF, -INF
+    for number in range(total):
+        index, rest, step = np.int64(0), np.int64(number), np.int64(1)
+        for axis in range(axes - 1, -1, -1):
+            begin, nodes = first[axis] >> level, ((lookup[7 + axis] - 1) >> level) + 1
+            many = (last[axis] >> level) - begin + 1  # obligation 7.35
+            index += step * (begin + rest % many)
+            rest, step = rest // many, step * nodes
+        low, high = min(low, tables[start + index]), max(high, tables[start + size + index])
+    return low, high
+
+
+@kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
-    """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis."""
-    position, corner = np.empty(6), np.empty(64)
-    ends, number = np.empty((2, 6)), np.empty(6, np.int64)
+    """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis.
+
+    Of a box with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
+    """
+    axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
+    ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
     for m in range(count):
-        fine, total = True, 1
-        for axis in range(lookup[0]):
-            row, last = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1.0
+        fine, total = True, np.int64(1)
+        for axis in range(axes):
+            row, most = 2 * place[lookup[1 + axis]], lookup[7 + axis] - 1
             lower, spacing = places[axis], places[6 + axis]
             low, high = (scratch[row, m] - lower) / spacing, (scratch[row + 1, m] - lower) / spacing
             low, high = intervals.widened(low, high, 3.0 * STEP, TINY, TINY)
             fine &= (low == low) & (high == high)
-            ends[0, axis], ends[1, axis] = min(max(low, 0.0), last), min(max(high, 0.0), last)
-            number[axis] = 2 + int(np.ceil(ends[1, axis])) - 1 - int(ends[0, axis]) if fine else 0  # obligation 7.29
-            total *= number[axis]
-        out[0, m], out[1, m], largest = INF if fine else NAN, -INF, 0.0
-        for index in range(total):
-            for axis in range(lookup[0] - 1, -1, -1):
-                index, at = index // number[axis], index % number[axis]
-                inside = np.floor(ends[0, axis]) + at
-                position[axis] = ends[0, axis] if at == 0 else (ends[1, axis] if at == number[axis] - 1 else inside)
-            value, most = _interpolated(tables, lookup[13], lookup, position, corner)
-            fine &= value == value
-            out[0, m], out[1, m], largest = lesser(value, out[0, m]), larger(value, out[1, m]), larger(most, largest)
+            ends[0, axis], ends[1, axis] = min(max(low, 0.0), most), min(max(high, 0.0), most)
+            first[axis] = min(int(ends[0, axis]), most - 1) if fine else 0
+            last[axis] = max(int(np.ceil(ends[1, axis])), first[axis] + 1) if fine else 1  # obligation 7.29
+            total *= last[axis] - first[axis] + 1
+        least, greatest = INF if fine else NAN, -INF
+        if fine and total > MOST_NODES[axes]:
+            least, greatest = _of_blocks(lookup, tables, first, last)
+        largest = max(abs(least), abs(greatest)) if total > MOST_NODES[axes] else 0.0
+        if fine and total <= MOST_NODES[axes]:
+            _around(lookup, tables, first, last, block, at)
+            for k in range(total):
+                largest = max(largest, abs(block[k]))
+            before, behind = np.int64(1), total
+            for axis in range(axes):
+                nodes = last[axis] - first[axis] + 1
+                behind //= nodes
+                _cut(block, before, nodes, behind, ends[0, axis] - first[axis], ends[1, axis] - last[axis] + 1.0)
+                before *= nodes
+            for k in range(total):
+                least, greatest = lesser(block[k], least), larger(block[k], greatest)
         # obligation 7.30
         slack = (4.0 * lookup[0] + 2.0) * (STEP * largest) + TINY  # each axis: three roundings, of two numbers
-        out[0, m], out[1, m] = out[0, m] - slack if fine else NAN, out[1, m] + slack
+        out[0, m], out[1, m] = least - slack if fine else NAN, greatest + slack
 
 
 @kernel(nogil=True, error_model="numpy")

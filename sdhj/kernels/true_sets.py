@@ -10,7 +10,7 @@ import numpy as np
 from sdhj.kernels.compiling import UNCOUNTED, kernel
 from sdhj.kernels.interpolation import turned
 from sdhj.kernels.tape import RESULTS, length, part, play_with_scratch
-from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNSAFE, CHECK_TIMES, PATH, is_held, unpacked_lattice
+from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNDER, AT_UNSAFE, CHECK_TIMES, PATH, is_held, unpacked_lattice
 
 CHECKED_INSTANTS = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
@@ -155,6 +155,26 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 
 
 @kernel(nogil=True, **UNCOUNTED)
+def heed_inputs(waiting, rows, count, under, best, samples):
+    """Of sets that are unsafe under some inputs, undo what `samples` say of others, and of the state itself.
+
+    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. What such a set
+    says of the state is said of the first point of the path in its place: the input fails, the state is not lost.
+    """
+    (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
+    inputs = verdicts.shape[1]
+    for p in range(under.size // inputs):
+        for k in range(waiting if under[p * inputs] >= 0 else 0):
+            first, at = k * count, k * count + last
+            if under[p * inputs + best[rows[queue[0, k]]]] == 0:
+                for v in range(first, first + count):
+                    level[p, v] = np.inf
+            elif count > 1 and level[p, at] <= 0.0 and past[at] == 0:
+                level[p, first], past[first] = level[p, at], min(past[first], 0)
+            level[p, at] = np.inf
+
+
+@kernel(nogil=True, **UNCOUNTED)
 def judge(waiting, rows, checks, count, out, samples):
     """Undo what the values in `samples`, at `count` points each, refute; returns how many wait for another input.
 
@@ -189,16 +209,17 @@ def judge(waiting, rows, checks, count, out, samples):
 
 
 @kernel(**UNCOUNTED)
-def evaluate(waiting, rows, packs, times, to_go, samples, work):
+def evaluate(waiting, rows, packs, times, out, samples, work):
     """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
 
     The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
-    (ints, floats), (queue, _, _, points, _, level, there) = packs, samples
+    (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
     unsafe, target = (ints, floats, np.int64(AT_UNSAFE)), (ints, floats, np.int64(AT_TARGET))
     if play_with_scratch(unsafe, points, times, level, np.int64(0), waiting * count, work) != 0.0:
         return False
+    heed_inputs(waiting, rows, count, part(ints, ints, AT_UNDER), out[3], samples)
     for k in range(waiting if length(ints, np.int64(AT_TARGET + RESULTS)) > 0 else 0):
         start = k * count + last + (to_go[rows[queue[0, k]]] != 0)
         stop = (k + 1) * count if queue[2, queue[0, k]] == 0 else k * count + last + 1

@@ -21,10 +21,10 @@ CENTRE = 0.25  # of the depth of an input for ever: the share that the game's va
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
 # are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
 # between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval
-# begins; and three tapes: what inputs lead to, the unsafe sets and the target, of points with the time as one more
-# coordinate.
-AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_AHEAD = range(
-    len(Lattice._fields), len(Lattice._fields) + 7
+# begins; where an unsafe set is unsafe under some inputs only, under which each is (`heed_inputs`); and three tapes:
+# what inputs lead to, the unsafe sets and the target, of points with the time as one more coordinate.
+AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_UNDER, AT_AHEAD = range(
+    len(Lattice._fields), len(Lattice._fields) + 8
 )
 AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1

@@ -83,7 +83,7 @@ def add_led(missing, clear, inputs, wanted, led, count):
                     continue
                 number = np.int64(row) * count + bit
                 for j in inputs:
-                    if (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.20
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:
                         led[row, word] |= BIT << np.uint64(bit & 63)
                         break
 

@@ -35,7 +35,7 @@ def slot_of(number, keys):
 
 @kernel(nogil=True)
 def look_up(states, cells, slack, kept, within, most, out, missing):
-    """What the words of the cells within slack (ndim,) of each state say, (M, ndim); how many words are missing.
+    """The answers of the words of the cells within slack (ndim,) of each state, (M, ndim); how many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
     united, and the first one's choice is the state's. Words of more than `most` steps say nothing.

@@ -51,17 +51,38 @@ def look(name: str) -> Looks:
 
 
 def step_colours(steps: int) -> list[Any]:
-    """One colour for each number of steps to go, 0 to `steps`, from dark to light in even steps of lightness."""
+    """One colour for each number of steps to go, 0 to `steps`, from dark to light in even steps of lightness.
+
+    Examples
+    --------
+    >>> from sdhj import plotting
+    >>> len(plotting.step_colours(8))
+    9
+    """
     return [mpl.colormaps["YlGnBu_r"](0.06 + 0.84 * n / max(steps, 1)) for n in range(steps + 1)]
 
 
 def patch(name: str, label: str) -> Patch:
-    """A legend entry, with the text `label`, for the set `name`."""
+    """A legend entry, with the text `label`, for the set `name`.
+
+    Examples
+    --------
+    >>> from sdhj import plotting
+    >>> plotting.patch("obstacles", "known obstacles").get_label()
+    'known obstacles'
+    """
     return Patch(**look(name), label=label)
 
 
 def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
-    """A figure of this size, in inches, with Matplotlib's constrained layout; `options` as for its `Figure`."""
+    """A figure of this size, in inches, with Matplotlib's constrained layout; `options` as for its `Figure`.
+
+    Examples
+    --------
+    >>> from sdhj import plotting
+    >>> plotting.new_figure(5.0, 4.0).get_size_inches()
+    array([5., 4.])
+    """
     return Figure(figsize=(width, height), **({"layout": "constrained"} | options))
 
 
@@ -88,6 +109,13 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
     """Write `figure` as folder/name.format for each format, pdf, svg or png; returns the paths.
 
     Equal figures give equal files. ValueError for another format, OSError if the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from sdhj import plotting
+    >>> [path.name for path in plotting.save(plotting.new_figure(2, 2), tempfile.mkdtemp(), "empty", ["png"])]
+    ['empty.png']
     """
     if unknown := set(formats) - set(UNDATED):
         raise ValueError(f"formats must be among {', '.join(UNDATED)}, got {', '.join(sorted(unknown))}")
@@ -102,7 +130,17 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
 def write(figure: Figure, path: Named) -> None:
     """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
-    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.
+    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error. OSError if the folder
+    cannot be written to.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from sdhj import plotting
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "empty.svg"
+    >>> plotting.write(plotting.new_figure(2, 2), path)
+    >>> path.is_file()
+    True
     """
     drawn, form = io.BytesIO(), Path(path).suffix[1:].lower()
     figure.savefig(drawn, format=form, metadata=UNDATED[form])

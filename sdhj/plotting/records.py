@@ -17,6 +17,27 @@ def draw_records(ax: Axes, found: RecordedBounds, component: int = 0) -> None:
         What `sdhj.bounds_from_records` returns.
     component : int
         Of v.
+
+    Examples
+    --------
+    Ten records of a robot on a line, which is told to move at 1 m/s and pushed at random:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> problem = sdhj.ReachAvoidProblem(
+    ...     grid=sdhj.Grid([-4.0], [4.0], [81]),
+    ...     dynamics=sdhj.Dynamics([[-1.0], [1.0]], [[-1.0], [1.0]], [[1.0]], [0.0]),
+    ...     target=sdhj.TargetSet((0,), lambda points, t: abs(points[:, 0]) - 1.0),
+    ...     unsafe=[],
+    ...     delta=0.1,
+    ...     steps=5,
+    ... )
+    >>> t, wind = np.arange(11) / 10, np.random.default_rng(0).uniform(-0.2, 0.2, (10, 10))
+    >>> ways = np.hstack([np.zeros((10, 1)), np.cumsum(0.1 * (1.0 + wind), axis=1)])
+    >>> records = [np.column_stack([t, way, np.ones(11)]) for way in ways]
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> plotting.draw_records(ax, sdhj.bounds_from_records(problem, records, error=0.0))
     """
     peaks = np.sort(found.peaks[:, component])
     ax.step(peaks, np.arange(1, len(peaks) + 1) / len(peaks), where="post", color=INK, gid="peaks", label="records")

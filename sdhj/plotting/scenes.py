@@ -18,7 +18,18 @@ FRAME_MARGIN = 0.02
 
 
 def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder: float = 5.0) -> None:
-    """Draw the arm at joint angles q (2,): the thick links, base, elbow and end-effector."""
+    """Draw the arm at joint angles q (2,): the thick links, base, elbow and end-effector.
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> from sdhj.arm.case_studies import scene
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> plotting.draw_arm(ax, scene(sdhj.arm_case_study(nodes=9)), [0.5, 1.0])
+    """
     q = np.asarray(q, dtype=np.float64)[:2]
     elbow, tip = scene.arm.joints(q)
     ax.add_artist(Polygon(scene.arm.outline(q), closed=True, alpha=alpha, zorder=zorder, gid="arm", **ROBOT_LOOKS))
@@ -42,6 +53,16 @@ def draw_workspace(
     """Draw obstacles (red, hatched) and target (blue) at a time, s, and arm and agent in a state (4,) (Fig. 9a).
 
     Without a state arm and agent are left out. At the times of the `trail` (K,), s, moving disks are outlined faintly.
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> from sdhj.arm.case_studies import scene
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> plotting.draw_workspace(ax, scene(sdhj.arm_case_study(nodes=9)), state=[0.5, 1.0, 0.2, 0.2], time=0.1)
     """
     disks = [(disk, UNSAFE_LOOKS, f"obstacle-{i}") for i, disk in enumerate(scene.obstacles)]
     if scene.target is not None:

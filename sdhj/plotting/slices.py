@@ -55,6 +55,13 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
     """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
 
     ValueError if `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> plotting.plane(sdhj.Grid([0, 0], [1, 2], [5, 5]), [0, 0], resolution=11).points.shape
+    (121, 2)
     """
     state = np.asarray(through, dtype=np.float64)
     if state.shape != (grid.ndim,):
@@ -77,6 +84,16 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
     """Fill and outline the set {values <= 0}, with `values` (Y, X) on the slice; an empty set draws nothing.
 
     The filled artist has the identifier `gid`, the outline `gid` + "-edge".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> where = plotting.plane(sdhj.Grid([-1, -1], [1, 1], [5, 5]), [0, 0], resolution=31)
+    >>> disk = where.shaped(np.hypot(*where.points.T) - 0.5)
+    >>> plotting.draw_set(ax, where, disk, {"facecolor": "0.8", "edgecolor": "0.2", "linewidth": 0.8}, "disk")
     """
     low, high = float(values.min()), float(values.max())
     if low > 0.0:
@@ -93,7 +110,17 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
 
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
-    """Set the limits, ticks and labels (with units) of a slice."""
+    """Set the limits, ticks and labels (with units) of a slice.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> plotting.frame_slice(ax, sdhj.Grid([0, 0], [1, 2], [5, 5], names=["x (m)", "y (m)"]))
+    >>> ax.get_xlabel()
+    'x (m)'
+    """
     for axis, name in zip(axes, "xy", strict=True):
         ends, label = (grid.lower[axis], grid.upper[axis]), grid.names[axis]
         ax.set(**{f"{name}lim": ends, f"{name}label": AXIS_LABELS.get(label, label)})
@@ -118,6 +145,15 @@ def draw_constraints(
 
     Unsafe sets are red and hatched, the target is blue, and the set of captures by the pursuer has a bold dotted
     contour. `parts` selects some of them by name.
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> plotting.draw_constraints(ax, sdhj.arm_case_study(nodes=9), through=[0, 0, 0.2, 0.2], resolution=31)
     """
     where = plane(problem.grid, through, axes, resolution)
     for i, part in enumerate((problem.target, *problem.unsafe)):
@@ -141,6 +177,18 @@ def draw_tubes(
 
     Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n". With `unsafe` the true
     unsafe sets at step `start` are outlined.
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> arm = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), play=False)
+    >>> plotting.draw_tubes(ax, arm, through=[0, 0, 0.24, 0.24], resolution=31)
+    >>> sorted({one.get_gid() for one in ax.collections if (one.get_gid() or "").startswith("tube")})[:1]
+    ['tube-0']
     """
     grid, most = table.grid, table.steps - whole("start", start, least=0, most=table.steps)
     within = most if within is None else min(within, most)
@@ -174,7 +222,17 @@ def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> F
 def draw_path(
     ax: Axes, grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1), marks: FloatArray | None = None, **line: Any
 ) -> None:
-    """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes; dots at the `marks` (K, ndim)."""
+    """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes; dots at the `marks` (K, ndim).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> ax = plotting.new_figure(3, 3).subplots()
+    >>> grid = sdhj.Grid([0, 0], [1, 1], [5, 5])
+    >>> plotting.draw_path(ax, grid, np.array([[0.1, 0.1], [0.5, 0.4]]))
+    """
     looks: dict[str, Any] = {"color": OUTCOME_INK, "linestyle": "-", "zorder": 6.0, "gid": "path"} | line
     ax.plot(*unwrapped(grid, states, axes).T, scalex=False, scaley=False, **looks)
     if marks is not None and len(marks):

@@ -23,6 +23,17 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
     """Draw a run on a slice: tube, target and unsafe sets at its start, and the target at its end outlined (Fig. 12b).
 
     The identifier of the outline is the target's name + "-then-edge".
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> arm = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), play=False)
+    >>> controller = sdhj.Controller(arm)
+    >>> start = arm.grid.points()[(arm.values() <= 0).ravel()][0]
+    >>> plotting.draw_run(plotting.new_figure(3, 3).subplots(), arm, sdhj.simulate(controller, start))
     """
     problem = table.problem
     where = plane(problem.grid, run.states[0], axes)
@@ -42,7 +53,19 @@ def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: 
 
 
 def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) -> None:
-    """Redraw the figure for one instant of a run: the workspace on the left, the next tube on a slice on the right."""
+    """Redraw the figure for one instant of a run: the workspace on the left, the next tube on a slice on the right.
+
+    Examples
+    --------
+    With the paper's arm on a few nodes:
+
+    >>> import sdhj
+    >>> from sdhj import plotting
+    >>> arm = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=2), play=False)
+    >>> start = arm.grid.points()[(arm.values() <= 0).ravel()][0]
+    >>> run = sdhj.simulate(sdhj.Controller(arm), start)
+    >>> plotting.draw_moment(plotting.new_figure(6, 3), arm, run, index=0)
+    """
     figure.clear()
     problem = table.problem
     left, right = figure.subplots(1, 2)

@@ -76,6 +76,14 @@ def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
                 )
 
 
+def check_inputs(problem: Statement) -> None:
+    """Raise ValueError where an unsafe set names an input that there is not."""
+    for part in problem.unsafe:
+        if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
+            most = len(problem.inputs) - 1
+            raise ValueError(f"inputs of {part.name!r} must be numbers from 0 to {most}, got {part.inputs}")
+
+
 def try_goals(problem: Sampled) -> None:
     """Raise ValueError where no node is in the target and safe; a function may be undefined or out of range at one."""
     steps, target = range((problem.steps or 0) + 1), problem.target

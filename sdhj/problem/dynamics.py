@@ -16,6 +16,7 @@ from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
+from sdhj.problem.ball import Ball
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
@@ -39,14 +40,15 @@ class Dynamics:
         Velocity of the state under each input without a disturbance, per second; an array if it depends on u alone.
     gain : (ndim, D) array, or function of (points, u, t) -> (M, ndim, D), optional
         How the D components of the disturbance v move the state. Default: there is no disturbance.
-    bounds : (D,) array, or function of (points, u, t) -> (M, D), optional
-        Half-widths of the box of disturbances.
+    bounds : (D,) array, or function of (points, u, t) -> (M, D), or `sdhj.Ball`, optional
+        Half-widths of the box of disturbances; or a ball, of two components.
     velocity : function of (points, u, v (D,), t) -> (M, ndim), optional
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
         between its extremes over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces method "hji" cuts the range of each component of v that does not enter linearly and moves
-        several axes; the error falls with their number, to the first order, and cost and memory grow with it.
+        Into how many pieces methods "hji" and "certified" cut the range of each component of v that does not enter
+        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory
+        grow with it.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class Dynamics:
     bounds: Any = None
     velocity: Any = None
     pieces: int = CUTS
+    _ball: bool = field(default=False, init=False, repr=False, compare=False)
     _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -98,6 +101,11 @@ class Dynamics:
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
             raise ValueError("gain and bounds belong together: how the disturbance moves the state, how large it is")
+        object.__setattr__(self, "_ball", isinstance(self.bounds, Ball))
+        if isinstance(ball := self.bounds, Ball):  # from here on, its sides are components
+            name = "gain" if self.velocity is None else "velocity"
+            object.__setattr__(self, name, getattr(ball, name)(getattr(self, name)))
+            object.__setattr__(self, "bounds", ball.bounds())
         if self.bounds is not None and not callable(self.bounds):
             bounds = np.atleast_1d(finite_array("bounds", self.bounds))
             if bounds.ndim != 1 or (bounds < 0).any():
@@ -124,6 +132,11 @@ class Dynamics:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
+                if self._ball:
+                    raise ValueError(
+                        "a Ball needs a disturbance that enters the velocity linearly; give bounds=[radius, radius], "
+                        "which errs to the safe side"
+                    )
                 scaled = partial(_scaled_velocity, velocity, bounds)
                 drift, gain = Formula.traced("velocity", scaled, ndim, 1 + D) if bounds.reads.any() else velocity, None
             else:

@@ -12,15 +12,45 @@ PACKAGE = str(Path(__file__).parents[1])
 
 
 class ResolutionWarning(UserWarning):
-    """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost."""
+    """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, to make an error of what would be told:
+
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", sdhj.ResolutionWarning)
+    ...     fine = sdhj.solve(problem)
+    """
 
 
 class UnsettledWarning(UserWarning):
-    """The sets of a problem without a number of steps were still changing when the solve ended."""
+    """The sets of a problem without a number of steps were still changing when the solve ended.
+
+    Examples
+    --------
+    >>> import sdhj
+    >>> issubclass(sdhj.UnsettledWarning, UserWarning)
+    True
+    """
 
 
 class ProjectionWarning(UserWarning):
-    """The projected method finds little or nothing with these subspaces."""
+    """The projected method finds little or nothing with these subspaces.
+
+    Examples
+    --------
+    An evader cannot be projected:
+
+    >>> import sdhj
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     found = sdhj.solve(sdhj.evader_case_study(nodes=9, steps=1), "projected")
+    >>> sdhj.ProjectionWarning in [one.category for one in caught]
+    True
+    """
 
 
 class Finding(NamedTuple):

@@ -133,7 +133,19 @@ class Grid:
         return tuple((high - low) / (n if periodic else n - 1) for low, high, n, periodic in each)
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the nodes on one axis, shape (shape[axis],)."""
+        """Coordinates of the nodes on one axis, shape (shape[axis],), in the axis's unit.
+
+        Raises
+        ------
+        IndexError
+            If the grid has no such axis.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> sdhj.Grid([-1.0], [1.0], [5]).nodes(0)
+        array([-1. , -0.5,  0. ,  0.5,  1. ])
+        """
         return self.lower[axis] + self.spacing[axis] * np.arange(self.shape[axis])
 
     def points(self) -> FloatArray:
@@ -141,6 +153,12 @@ class Grid:
 
         `values.reshape(grid.shape)` gives a function of them its shape on the grid. MemoryError if they do not fit into
         memory together with some arrays of the same size.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> sdhj.Grid([0.0, 0.0], [4.0, 8.0], [5, 5]).points()[:6].tolist()
+        [[0.0, 0.0], [0.0, 2.0], [0.0, 4.0], [0.0, 6.0], [0.0, 8.0], [1.0, 0.0]]
         """
         self.require_memory(8 * (2 * self.ndim + 5))
         points = np.empty((*self.shape, self.ndim))
@@ -175,7 +193,19 @@ class Grid:
             yield from [piece] if some else piece.pieces(axis + 1)
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
-        """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4)."""
+        """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
+
+        Raises
+        ------
+        IndexError
+            If an axis is none of the grid's.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5]).subgrid([1]).shape
+        (5,)
+        """
         if tuple(axes) not in self._subgrids:
             self._subgrids[tuple(axes)] = self._subgrid(axes)
         return self._subgrids[tuple(axes)]
@@ -224,7 +254,22 @@ class Grid:
         return values[(*behind, slice(0, -1))], values[(*behind, slice(1, None))]
 
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection)."""
+        """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection).
+
+        Raises
+        ------
+        ValueError
+            If the values have another shape than the subgrid.
+
+        Examples
+        --------
+        A function of the second axis, on both:
+
+        >>> import sdhj
+        >>> grid = sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5])
+        >>> grid.lift(grid.nodes(1), [1]).shape
+        (1, 5)
+        """
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
@@ -247,6 +292,19 @@ class Grid:
         """Interpolate values at the nodes (shape `grid.shape`) multilinearly at points (M, ndim): (M,) float64.
 
         Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
+
+        Raises
+        ------
+        ValueError
+            If values or points have another shape.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sdhj
+        >>> grid = sdhj.Grid([-1.0], [1.0], [5])
+        >>> grid.interpolate(grid.nodes(0) ** 2, np.array([[0.25], [2.0]]))
+        array([0.125,   inf])
         """
         flat = np.ascontiguousarray(values).reshape(1, self.size)
         flat.flags.writeable = False  # of all that comes: what may be written has another type, compiled anew
@@ -320,7 +378,20 @@ class Grid:
         return share / share.sum()
 
     def fraction(self, inside: FloatArray) -> float:
-        """Share of the grid's volume where the boolean array `inside`, shape `shape`, is true."""
+        """Share of the grid's volume where the boolean array `inside`, shape `shape`, is true.
+
+        Raises
+        ------
+        ValueError
+            If the array is not of the grid's shape.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> grid = sdhj.Grid([-1.0], [1.0], [5])
+        >>> grid.fraction(grid.nodes(0) > 0.4)
+        0.375
+        """
         if self.size > SMALL and self.ndim > 1:  # row by row, without the weights of all nodes
             rest = self.subgrid(range(1, self.ndim))
             return sum(share * rest.fraction(row) for share, row in zip(self.shares(0).tolist(), inside, strict=True))

@@ -1,4 +1,4 @@
-"""Level-set functions of maps and polygons, for `UnsafeSet.from_map` and `UnsafeSet.polygon`.
+"""Level-set functions of maps, for `UnsafeSet.from_map`.
 
 The whole closed square of every pixel that is not free is unsafe, and so is everything outside the map. Let s be the
 signed distance to this set, negative inside, and h half the side of a pixel. At the *nodes*, the corners, middles of
@@ -16,10 +16,6 @@ at most half the diagonal of a pixel, sqrt(2) h, below the true one. Along each 
 difference of s between neighbours over their distance, at most 1; in any direction it is at most sqrt(2). Outside the
 map the function is its value at the nearest point of the map, less the distance to that point: its slope is at most 1
 along the normal of the edge and along the edge, so the same bounds hold.
-
-A polygon needs no samples: its distance is the least one to an edge, and a point is inside where it is to the left of
-all edges of a convex part, which is the polygon or a triangle of it. Of a box that meets several triangles bounds do
-not say that it is inside.
 """
 
 import io
@@ -40,11 +36,12 @@ from sdhj.formulas.gridded import gridded
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array, number, one_line, option, plain_array
 from sdhj.problem.memory import require
+from sdhj.problem.polygons import MISSING
 
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # that the map server requires
 MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
-BYTES_A_PIXEL = 110  # that reading a map and making its distances take at most
+BYTES_A_PIXEL = 130  # that reading a map and making its distances take at most
 MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
@@ -55,14 +52,15 @@ MOST_CHUNKS, SHORT_CHUNK = (
 _GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
 HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))
-MapLevelSet = Callable[[FloatArray, float], FloatArray]
-MISSING = "install it with pip install 'sdhj[maps]'"
 
 
-def map_level_set(
+def map_distance(
     source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
-) -> MapLevelSet:
-    """The level-set function of all that a map does not show as free: see `UnsafeSet.from_map`."""
+) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
+    """The signed distance, of x and y in the map's frame, to what a map does not show as free; and that frame's pose.
+
+    Less a radius: see `UnsafeSet.from_map`.
+    """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
             raise ValueError("resolution and origin are read from the map's file; give them with an array only")
@@ -82,22 +80,19 @@ def map_level_set(
     if np.shape(origin) not in ((2,), (3,)):
         raise ValueError(f"origin must be (x, y) or (x, y, yaw), got {reprlib.repr(origin)}")
     x, y, yaw = (*finite_array("origin", origin).tolist(), 0.0)[:3]
-    cosine, sine = math.cos(yaw), math.sin(yaw)
     nodes = clearance(blocked, side)
-    size = (np.array(nodes.shape) - 1.0) * (side / 2)
+    width, height = ((np.array(nodes.shape) - 1.0) * (side / 2)).tolist()
     nodes -= side / math.sqrt(8.0) + radius
     nodes.setflags(write=False)  # so that it is not copied
     table = gridded(nodes, [0.0, 0.0], [side / 2, side / 2])
     del nodes
 
-    def level_set(points: FloatArray, t: float) -> FloatArray:
-        """Signed distance at points (M, 2): the table on the map, less the distance to the map off it."""
-        dx, dy = points[:, 0] - x, points[:, 1] - y
-        places = np.stack([cosine * dx + sine * dy, cosine * dy - sine * dx], axis=1)
-        past = np.maximum(places - size, np.minimum(places, 0.0))  # 0 on the map
-        return table(places) - np.hypot(past[:, 0], past[:, 1])
+    def distance(x: Any, y: Any) -> Any:
+        """At places (M,): the table on the map, less the distance to the map off it."""
+        past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
+        return table(np.stack([x, y], axis=1)) - np.hypot(*past)
 
-    return level_set
+    return distance, (x, y, yaw)
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
@@ -274,45 +269,3 @@ def require_memory_for_map(width: int, height: int) -> None:
 def refused(path: Path, what: str, why: Exception | str) -> ValueError:
     """The error, in one line that is not long, about a file that is not what it should be."""
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))
-
-
-def polygon_level_set(vertices: FloatArray, radius: float) -> MapLevelSet:
-    """The signed distance to a polygon, less a robot's radius: see `UnsafeSet.polygon`."""
-    try:
-        import shapely
-    except ImportError as error:
-        raise ImportError(f"checking a polygon needs Shapely; {MISSING}") from error
-    corners, radius = finite_array("vertices", vertices), number("radius", radius, least=0.0)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {corners.shape}")
-    shape = shapely.Polygon(corners)
-    if not shape.is_valid or shape.area == 0.0:
-        raise ValueError(f"vertices must go around a polygon whose edges do not meet: {shapely.is_valid_reason(shape)}")
-    shape = shapely.orient_polygons(shapely.Polygon(corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]))
-    convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
-    corners, *parts = (np.array(part.exterior.coords[:-1]) for part in (shape, *map(shapely.orient_polygons, convex)))
-    rounding = 1e-12 * np.ptp(corners, axis=0).max()  # or a point on an edge of two parts could be in neither
-
-    def level_set(points: FloatArray, t: float) -> FloatArray:
-        """Signed distance to the polygon at points (M, 2), less the radius."""
-        along, right, lengths = _beside(points, corners)
-        past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
-        distance = np.hypot(past, right).min(axis=1)
-        outside = np.min([_outside(points, part) for part in parts], axis=0)
-        return np.where(outside <= rounding, -distance, distance) - radius
-
-    return level_set
-
-
-def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points (M, 2) are along each edge and to its right, both (M, K), and the edges' lengths (K,)."""
-    edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
-    lengths = np.hypot(*edges.T)
-    x, y = (edges / lengths[:, None]).T
-    return out[..., 0] * x + out[..., 1] * y, out[..., 0] * y - out[..., 1] * x, lengths
-
-
-def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """A number (M,) that is <= 0 in a convex polygon only; the box around it tells intervals so at acute corners."""
-    beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
-    return np.maximum(_beside(points, corners)[1].max(axis=1), beyond.max(axis=1))

@@ -17,7 +17,15 @@ import numpy as np
 from sdhj.formulas.graph import MOST_TABLES
 from sdhj.kernels import Sealed
 from sdhj.problem.checks import number, option, whole
-from sdhj.problem.consistency import check_sensing, check_swept, compare_set, compared_states, compared_times, try_goals
+from sdhj.problem.consistency import (
+    check_inputs,
+    check_sensing,
+    check_swept,
+    compare_set,
+    compared_states,
+    compared_times,
+    try_goals,
+)
 from sdhj.problem.describing import arrays_of, described, digest_of
 from sdhj.problem.dynamics import Dynamics, VectorField
 from sdhj.problem.grid import Grid
@@ -101,6 +109,7 @@ class ReachAvoidProblem(Sampled):
             if not part.axes or list(part.axes) != sorted(set(part.axes)) or not set(part.axes) <= set(range(ndim)):
                 where = f"axes of the grid, from 0 to {ndim - 1}, ascending"
                 raise ValueError(f"axes of {part.name!r} must be {where}, got {part.axes}")
+        check_inputs(self)
         if self.steps is None and not self.time_invariant:
             raise ValueError(
                 "steps=None solves until nothing changes from step to step, but the dynamics, an unsafe set or the "

@@ -44,7 +44,8 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
             target = TargetSet(entry["axes"], found[name], entry["name"])
         else:
             swept = found.get(name.replace("unsafe", "swept"))
-            unsafe.append(UnsafeSet(entry["axes"], found[name], swept, entry["name"], entry["sampling"]))
+            how = swept, entry["name"], entry["sampling"], entry.get("inputs")
+            unsafe.append(UnsafeSet(entry["axes"], found[name], *how))
     parts = drift, found.get("gain"), found["bounds"], formulas.get("pieces", CUTS)
     dynamics = VectorField(head["inputs"], head["grid"].ndim, *parts)
     rest = {name: head[name] for name in ("grid", "delta", "steps", "view_time", "recipe", "sensing")}

@@ -111,10 +111,18 @@ class Sampled(Statement):
         """Level-set function of S_k^N = L(t_k) minus G(t_k) on the grid (first row of Algorithm 1).
 
         Without a target, L(t_k) is the grid up to its unsafe ends.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> goal = problem.goal(0)
+        >>> goal.shape, problem.grid.nodes(0)[goal <= 0][[0, -1]]
+        ((81,), array([-1.,  1.]))
         """
         t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
         values = self.target_at(t)
-        for unsafe_set in self.unsafe:
+        for unsafe_set in (one for one in self.unsafe if one.inputs is None):
             g = (
                 self.unsafe_over(unsafe_set, t - jitter, t + jitter)
                 if jitter and unsafe_set.moving
@@ -143,24 +151,53 @@ class Sampled(Statement):
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of the target at states (M, ndim), without interpolation: (M,)."""
+        """Level-set function of the target at states (M, ndim), without interpolation: (M,).
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.target_value([[0.25], [2.0]], 0.0)
+        array([-0.75,  1.  ])
+        """
         return self.value_of(self.target, points_array("points", points, self.grid.ndim), number("t", t))
 
-    def unsafe_value(self, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision."""
-        points = points_array("points", points, self.grid.ndim)
-        return self.unsafe_along(points[:, None], [number("t", t)])[:, 0]
+    def unsafe_value(self, points: FloatArray, t: float, inputs: FloatArray | None = None) -> FloatArray:
+        """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
 
-    def unsafe_along(self, points: FloatArray, times: Sequence[float]) -> FloatArray:
+        inputs (M,): the numbers of what is applied there; without them sets count that are unsafe under all inputs.
+
+        Raises
+        ------
+        ValueError
+            If the states have another shape.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.unsafe_value([[2.5], [3.5]], 0.0)
+        array([ 0.5, -0.5])
+        """
+        points = points_array("points", points, self.grid.ndim)
+        return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
+
+    def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
         """The `unsafe_value` of points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
         for unsafe_set in self.unsafe:
-            for begin, end in pairwise(firsts) if unsafe_set.moving else [(0, len(times))]:
+            counts = unsafe_set.counts(inputs)
+            for begin, end in (pairwise(firsts) if unsafe_set.moving else [(0, len(times))]) if counts.any() else ():
                 at = wrapped[:, begin:end].take(unsafe_set.axes, axis=2).reshape(-1, len(unsafe_set.axes))
                 value = unsafe_set.level_set(at, times[begin]).reshape(len(points), end - begin)
-                np.minimum(out[:, begin:end], value, out=out[:, begin:end])
+                np.minimum(out[:, begin:end], value, out=out[:, begin:end], where=counts.reshape(-1, 1))
         return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:

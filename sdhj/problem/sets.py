@@ -15,9 +15,11 @@ import numpy as np
 
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import axis_numbers, option
+from sdhj.problem.bodies import Body, Footprint, Pose, body_level_set, footprint_of, map_body_level_set
+from sdhj.problem.checks import axis_numbers, number, option, pair, whole
 from sdhj.problem.grid import Grid
-from sdhj.problem.maps import map_level_set, polygon_level_set
+from sdhj.problem.maps import map_distance
+from sdhj.problem.polygons import polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
 STEEP = (
@@ -48,6 +50,11 @@ class UnsafeSet:
         By default the library bounds `level_set` over [t0, t1] in pieces of time.
     name : str
         For messages and pictures.
+    inputs : sequence of int, optional
+        The numbers of the inputs, rows of `Dynamics.inputs`, under which the set is unsafe; by default under all. A
+        state in it is then not lost by itself: no input of these is applied for an interval in which it may be in the
+        set, ends included, as no thrust near a station, or a charger that is off from 17 to 20 h. A run in which it is
+        has collided. For a map or a polygon use `dataclasses.replace(one, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
         The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
         cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
@@ -81,11 +88,14 @@ class UnsafeSet:
     swept: Any = None
     name: str = "unsafe"
     sampling: str = "nodes"
+    inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         """Read the level-set function, and `swept`; ValueError where one does not fit."""
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
+        if self.inputs is not None:
+            object.__setattr__(self, "inputs", _input_numbers(self.inputs, self.name))
         count, name = len(self.axes), f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, count, "t"))
         if self.swept is not None:
@@ -101,6 +111,8 @@ class UnsafeSet:
         resolution: float | None = None,
         origin: Sequence[float] = (0.0, 0.0, 0.0),
         radius: float = 0.0,
+        footprint: Footprint = None,
+        tolerance: float = 0.01,
         name: str = "map",
     ) -> "UnsafeSet":
         """Everything that a map does not show as free, enlarged by the radius of a disk-shaped robot.
@@ -109,8 +121,8 @@ class UnsafeSet:
         ----------
         source : path of a map server's YAML file, or bool array (rows, columns)
             An array is True where the map is occupied or unknown; row 0 is the top of the map, as in an image.
-        axes : (int, int)
-            The grid's axes for the map's x and y, m.
+        axes : sequence of int
+            The grid's axes for the map's x and y, m; with a footprint, for x, y and heading, or those of its poses.
         resolution : float
             Side of a pixel, m. Required for an array; a file contains it.
         origin : (x, y) or (x, y, yaw)
@@ -118,33 +130,181 @@ class UnsafeSet:
             an array only; a file contains it.
         radius : float
             Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
+        footprint : array (K, 2), Body, or a sequence of Body
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of. Disks that cover them
+            are looked up in the map.
+        tolerance : float
+            How far these disks may reach beyond the footprint, m. Half of it takes some 1.4 times as many.
 
         Raises
         ------
         ValueError
-            If a file cannot be read or is invalid, with its name; if no pixel is free; or if there are more than about
-            33 million pixels, as all tables that a problem looks up may take 2^30 bytes.
+            If a file cannot be read or is invalid, with its name; if no pixel is free; if there are more than about
+            33 million pixels, as all tables that a problem looks up may take 2^30 bytes; if a footprint has no three
+            axes to move with, or the tolerance is too small for it.
         MemoryError
-            If 110 bytes a pixel, which reading it takes at most, are more than is available.
+            If 130 bytes a pixel, which reading it takes at most, are more than is available.
         ImportError
             If a package that is needed, of the extra `maps`, is not installed.
+
+        Examples
+        --------
+        A wall at the left of a room, in pixels of 0.5 m:
+
+        >>> import numpy as np
+        >>> import sdhj
+        >>> occupied = np.zeros((9, 9), dtype=bool)
+        >>> occupied[:, 0] = True
+        >>> wall = sdhj.UnsafeSet.from_map(occupied, resolution=0.5, radius=0.1)
+        >>> wall.level_set(np.array([[0.25, 2.25], [2.25, 2.25]]), 0.0) <= 0
+        array([ True, False])
         """
-        return cls(_plane(axes, name), map_level_set(source, resolution, origin, radius, name), name=name)
+        own = _plane(axes, name) if footprint is None else axis_numbers(axes, name)
+        robot, allowed = footprint_of(footprint, own), number("tolerance", tolerance, above=0.0)
+        distance, place = map_distance(source, resolution, origin, radius, name)
+        return cls(own, map_body_level_set(robot, distance, place, allowed), name=name)
 
     @classmethod
     def polygon(
-        cls, vertices: FloatArray, axes: Sequence[int] = (0, 1), *, radius: float = 0.0, name: str = "polygon"
+        cls,
+        vertices: FloatArray,
+        axes: Sequence[int] = (0, 1),
+        *,
+        radius: float = 0.0,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        outside: bool = False,
+        name: str = "polygon",
     ) -> "UnsafeSet":
-        """A simple polygon with vertices (K, 2), m, enlarged by the radius of a disk-shaped robot, m.
+        """A simple polygon, or what is outside of one, enlarged by the radius of a disk-shaped robot.
 
-        ValueError if there are fewer than three vertices, or if edges cross; ImportError if Shapely is not installed.
+        Parameters
+        ----------
+        vertices : array (K, 2)
+            Its corners in order, m.
+        axes : sequence of int
+            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
+            footprint; or those that the poses are functions of.
+        radius : float
+            By which it is enlarged, m.
+        footprint : array (K, 2), Body, or a sequence of Body
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of.
+        pose : callable (points (M, axes), t) -> (x, y, heading)
+            Where the polygon's frame is, if it moves.
+        outside : bool
+            Whether it is a fence: what is outside of the polygon is unsafe, rather than what is inside.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than three vertices, or edges cross; if a footprint has no three axes to move with.
+        ImportError
+            If Shapely is not installed.
+
+        Notes
+        -----
+        Bodies and polygons are cut into convex parts; the value is the signed distance of the nearest two, of the right
+        sign everywhere, and exact outside (`sdhj.problem.bodies`).
+
+        Examples
+        --------
+        A robot of 1.2 m by 0.5 m in a room of 4 m by 3 m; across its corner, and sideways along a wall:
+
+        >>> import sdhj
+        >>> robot = [[-0.3, -0.25], [0.9, -0.25], [0.9, 0.25], [-0.3, 0.25]]
+        >>> room = [[0, 0], [4, 0], [4, 3], [0, 3]]
+        >>> walls = sdhj.UnsafeSet.polygon(room, axes=(0, 1, 2), footprint=robot, outside=True)
+        >>> walls.level_set([[3.2, 2.2, 0.7], [2.0, 0.3, 0.0]], 0.0).round(3)
+        array([-0.046,  0.05 ])
         """
-        return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
+        if footprint is None and pose is None and not outside:
+            return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)
+        body = Body(vertices, radius, pose)
+        if len(body.vertices) < 3:
+            raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {body.vertices.shape}")
+        return cls._of(body.outside if outside else body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def box(
+        cls,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        axes: Sequence[int] = (0, 1),
+        *,
+        radius: float = 0.0,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        outside: bool = False,
+        name: str = "box",
+    ) -> "UnsafeSet":
+        """The box from its lower left corner (x, y) to the upper right one, m; else as `polygon`.
+
+        Raises
+        ------
+        ValueError
+            If `lower` is not below `upper` in both coordinates, or as `polygon`.
+        ImportError
+            If Shapely is not installed.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> table_top = sdhj.UnsafeSet.box([0, 0], [1, 1], radius=0.2)
+        >>> table_top.level_set([[1.1, 0.5], [1.5, 0.5]], 0.0).round(3)
+        array([-0.1,  0.3])
+        """
+        (left, low), (right, high) = (
+            pair(f"{which} of {name!r}", one) for which, one in (("lower", lower), ("upper", upper))
+        )
+        if not (left < right and low < high):
+            raise ValueError(f"lower must be below upper in both coordinates, got {lower} and {upper}")
+        body = Body(np.array([[left, low], [right, low], [right, high], [left, high]]), radius, pose)
+        return cls._of(body.outside if outside else body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def disk(
+        cls,
+        centre: Sequence[float],
+        radius: float,
+        axes: Sequence[int] = (0, 1),
+        *,
+        footprint: Footprint = None,
+        pose: Pose | None = None,
+        name: str = "disk",
+    ) -> "UnsafeSet":
+        """The disk with a centre (x, y) and a radius, m; else as `polygon`.
+
+        Raises
+        ------
+        ValueError
+            If the centre is no pair of numbers or the radius is negative, or as `polygon`.
+
+        Examples
+        --------
+        >>> import sdhj
+        >>> sdhj.UnsafeSet.disk([0, 0], radius=0.5).level_set([[0.3, 0.4], [0.6, 0.8]], 0.0).round(3)
+        array([0. , 0.5])
+        """
+        body = Body(np.array([pair(f"centre of {name!r}", centre)]), radius, pose)
+        return cls._of(body.parts, body, axes, footprint, name)
+
+    @classmethod
+    def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
+        """What the parts of a body touch."""
+        own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
+        robot = footprint_of(footprint, own)
+        return cls(own, body_level_set(robot, parts, body), name=name)
 
     @property
     def moving(self) -> bool:
         """Whether the level-set function depends on the time."""
         return bool(self.level_set.timed)
+
+    def counts(self, inputs: FloatArray | int | None) -> FloatArray:
+        """Whether the set is unsafe under inputs (M,), given by their numbers; None: whatever is applied."""
+        if self.inputs is None or inputs is None:
+            return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
+        return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
         """Values (M,) of one static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
@@ -223,6 +383,14 @@ class TargetSet:
         (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
 
         ValueError if `table` is not a table, or does not have `within` steps.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, first into its tube, then on to its target:
+
+        >>> first = sdhj.TargetSet.from_table(table, within=3)
+        >>> first.level_set(np.array([[-2.0], [0.0]]), 0.0) <= 0
+        array([ True,  True])
         """
         if not hasattr(table, "as_level_set"):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
@@ -230,6 +398,17 @@ class TargetSet:
 
 
 ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhere")
+
+
+def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
+    """The numbers of inputs, ascending; ValueError where they are not some whole numbers, each once."""
+    found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
+    numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
+    if not numbers or len(numbers) != len(set(numbers)):
+        raise ValueError(
+            f"inputs of {name!r} must be the numbers of some inputs, each once, or left out, got {given!r}"
+        )
+    return tuple(numbers)
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:

@@ -55,7 +55,15 @@ class Statement(Remembering):
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
-        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`."""
+        """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.time(2)
+        1.0
+        """
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
@@ -146,7 +154,11 @@ class Statement(Remembering):
     @property
     def numbers(self) -> dict[str, Any]:
         """Everything that a table depends on beside functions, as it stands in the head of a file."""
-        sets = [{"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling} for p in self.unsafe]
+        sets: list[dict[str, Any]] = [
+            {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
+            | ({} if p.inputs is None else {"inputs": list(p.inputs)})
+            for p in self.unsafe
+        ]
         target = (
             [] if self.has_no_target else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
         )

@@ -49,6 +49,15 @@ class Moment:
         Level-set value, at V states for each run, of the tube that has to hold the state at the interval's end.
     rng : numpy.random.Generator
         The only source of random numbers, so that runs with the same seed are identical.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, a wind to the left:
+
+    >>> def west(moment: sdhj.Moment):
+    ...     return np.tile([-1.0], (len(moment.states), 1)) * moment.bounds
+    >>> sdhj.monte_carlo(controller, runs=100, adversary=west, progress=False).counts["reached"]
+    100
     """
 
     problem: ReachAvoidProblem
@@ -123,13 +132,15 @@ def random(moment: Moment) -> FloatArray:
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
     """The level-set function g of an unsafe set at `states`, and its change by each component of v; all (M,).
 
+    g is infinite under inputs under which the set is not unsafe.
     push (M, ndim, D) is where each component of v, set to its bound, moves the states, one at a time.
     """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
     value, *moved = moment.problem.value_of(unsafe_set, trials, t).reshape(-1, len(states))
-    change = dict(zip(touching, moved, strict=True))
-    return [value, *(change[d] - value if d in change else np.zeros(len(states)) for d in range(push.shape[2]))]
+    change = {d: there - value for d, there in zip(touching, moved, strict=True)}
+    value = np.where(unsafe_set.counts(moment.inputs), value, np.inf)
+    return [value, *(change.get(d, np.zeros(len(states))) for d in range(push.shape[2]))]
 
 
 def aggressive(moment: Moment) -> FloatArray:
@@ -167,15 +178,16 @@ def worst(moment: Moment) -> FloatArray:
     return at_vertices(np.zeros(bounds.shape[1]), np.eye(bounds.shape[1]))[worst_of_all] * bounds
 
 
-def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float) -> FloatArray:
-    """How far states (M, ndim) are from what they must not touch, (M,): unsafe sets by their level, unsafe ends.
+def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
+    """How far states (M, ndim) under inputs (M,) are from what they must not touch, (M,): unsafe sets by their level,
+    unsafe ends.
 
     +inf past a safe end, where nothing matters any longer.
     """
     grid = problem.grid
     low, high = grid.faces("fails")
     ends = np.minimum(states - low, high - states).min(axis=1)
-    found = np.minimum(problem.unsafe_value(grid.clipped(states, "frees"), t), ends)
+    found = np.minimum(problem.unsafe_value(grid.clipped(states, "frees"), t, inputs), ends)
     return np.where(grid.beyond(states, "frees"), np.inf, found)
 
 
@@ -195,7 +207,7 @@ def greedy(moment: Moment) -> FloatArray:
     for stride in range(STRIDES):
         t = moment.time + stride * h
         ahead = moment.interval.advance(ahead, held, v, t, h)
-        least = np.minimum(least, level_of_unsafe(moment.problem, ahead, t + h))
+        least = np.minimum(least, level_of_unsafe(moment.problem, ahead, t + h, held))
     return signs[least.reshape(len(signs), count).argmin(axis=0)] * moment.bounds
 
 
@@ -210,7 +222,7 @@ def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> Float
     for half in range(2 * RECKLESS):
         t = problem.time(step) + half * problem.delta / 2
         ahead = interval.advance(ahead, held, still, t, problem.delta / 2)
-        least = np.minimum(least, level_of_unsafe(problem, ahead, t + problem.delta / 2))
+        least = np.minimum(least, level_of_unsafe(problem, ahead, t + problem.delta / 2, held))
     return least.reshape(inputs, count).argmin(axis=0)
 
 

@@ -50,6 +50,19 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     ------
     ValueError
         If `table` is not a table, `adversary` is not an adversary, or the table was solved with `Sensing`.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, which does what the table proposes:
+
+    >>> from sdhj.simulation.environment import ReachAvoidEnv
+    >>> env = ReachAvoidEnv(table, adversary="worst")
+    >>> state, info = env.reset(seed=0)
+    >>> while not info["outcome"]:
+    ...     action = int(info["action_mask"].argmax())
+    ...     state, reward, terminated, truncated, info = env.step(action)
+    >>> info["outcome"]
+    'reached'
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it

@@ -1,4 +1,8 @@
-"""The outcomes of a run, and the simulation of one interval, which checks for an outcome after every substep."""
+"""The outcomes of a run, and the simulation of one interval, which checks for an outcome after every substep.
+
+Between two substeps something fast may pass. Where bounds on a level-set function over the way of a state from one to
+the next, a straight line, leave open whether it is met, the middle is looked at, and both halves in the same way.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,11 +11,15 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
 from sdhj.simulation.adversaries import SUBSTEPS, Adversary, Moment
 
 OUTCOMES = ("reached", "collided", "left", "late", "off the grid")
 REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 UNDECIDED = -1
+LOOKED_AHEAD = 4  # substeps
+HALVINGS = 6  # of a substep, at most: 1,280 instants of an interval
 
 
 # Called after each substep with the moment it began, v (M, D), the new states (M, ndim) and their clearance (M,).
@@ -22,25 +30,93 @@ def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Apply the inputs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v."""
+    problem, inputs = begun.problem, begun.inputs
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
+    lowest, place = np.full(len(states), np.inf), problem.grid
+    if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
+        lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), begun.time, inputs)
+    ahead = [_near(begun, part, states, begun.time, len(substeps)) for part in problem.unsafe]
+    near = ahead
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
         moment = replace(begun, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v))
         v = _checked(play(moment), moment.bounds)
-        states = begun.interval.advance(states, begun.inputs, v, now, begun.duration)
-        met = begun.problem.grid.clipped(states, "frees")  # nothing beyond a safe end is unsafe
-        clearance = begun.problem.unsafe_value(met, now + begun.duration)
+        before, states = place.clipped(states, "frees"), begun.interval.advance(states, inputs, v, now, begun.duration)
+        met = place.clipped(states, "frees")  # nothing beyond a safe end is unsafe
+        clearance = np.minimum(problem.unsafe_value(met, now + begun.duration, inputs), lowest)
+        lowest = np.full(len(states), np.inf)
+        if (substep - substeps.start) % LOOKED_AHEAD == 0:
+            near = [
+                one & _near(begun, part, before, now, LOOKED_AHEAD, one)
+                for part, one in zip(problem.unsafe, ahead, strict=True)
+            ]
+        for part, one in zip(problem.unsafe, near, strict=True):
+            some = np.flatnonzero(one & (clearance > 0) & (ended == UNDECIDED))
+            if some.size:
+                way = before[some], met[some] - before[some], now, begun.duration
+                clearance[some] = np.minimum(clearance[some], _least_between(problem, part, *way))
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
-        ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "fails")] = OFF
-        if begun.problem.has_no_target:
-            ended[(ended == UNDECIDED) & begun.problem.grid.beyond(states, "frees")] = REACHED
+        ended[(ended == UNDECIDED) & problem.grid.beyond(states, "fails")] = OFF
+        if problem.has_no_target:
+            ended[(ended == UNDECIDED) & problem.grid.beyond(states, "frees")] = REACHED
         if watch is not None:
             watch(moment, v, states, clearance)
         if (ended != UNDECIDED).all():
             break
     return states, ended, v
+
+
+def _near(
+    begun: Moment, part: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
+) -> FloatArray:
+    """Which runs, of those asked (M,), a set may come to in so many substeps, by bounds around each state: (M,)."""
+    found = part.counts(begun.inputs) if asked is None else asked.copy()
+    far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
+    start = begun.problem.grid.clipped(states[some], "frees") - far
+    times = t, t + begun.duration * substeps
+    found[some] = _may_meet(begun.problem, part, start, np.broadcast_to(2 * far, start.shape), times)
+    return found
+
+
+def _may_meet(
+    problem: ReachAvoidProblem, part: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
+) -> FloatArray:
+    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,).
+
+    Where a black box does not declare enough for bounds it is not asked.
+    """
+    axes, grid = list(part.axes), problem.grid.subgrid(part.axes)
+    start, by = grid.wrapped(points[:, axes]), moved[:, axes]
+    low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)
+    over_seam = np.array(grid.periodic) & ((low < grid.lower) | (high > grid.upper))
+    try:
+        least = part.level_set.bounds_by_branch(low, high, times)[0]
+    except ValueError:
+        return np.zeros(len(points), np.bool_)
+    return ~(least > 0.0) | over_seam.any(axis=1)
+
+
+def _least_between(
+    problem: ReachAvoidProblem,
+    part: UnsafeSet,
+    points: FloatArray,
+    moved: FloatArray,
+    t: float,
+    h: float,
+    halvings: int = HALVINGS,
+) -> FloatArray:
+    """The least value of a set on the way from points (M, ndim) to points + moved, where it was looked at: (M,)."""
+    out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, part, points, moved, (t, t + h)))
+    if halvings and left.size:
+        half = moved[left] / 2
+        out[left] = problem.value_of(part, points[left] + half, t + h / 2)
+        on = out[left] > 0.0
+        left, half = left[on], half[on]
+        for begin, at in ((points[left], t), (points[left] + half, t + h / 2)):
+            out[left] = np.minimum(out[left], _least_between(problem, part, begin, half, at, h / 2, halvings - 1))
+    return out
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:

@@ -112,7 +112,8 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
         """Note where a run first touches an unsafe set or leaves the grid."""
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
-            places.setdefault(int(moment.runs[row]), _where(table, states[row], at, bool(clearance[row] <= 0)))
+            met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
+            places.setdefault(int(moment.runs[row]), _where(table, states[row], at, met, j))
 
     starts = admissible_states(controller, runs, rng)
     outcomes, _ = rollouts(controller, starts, play, rng, watch, steps=play_length(controller, steps))
@@ -146,12 +147,13 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     return bool((values.reshape(*ends.shape[:3]).max(axis=2) <= 0).any())
 
 
-def _where(table: Table, state: FloatArray, t: float, met: bool) -> str:
-    """The name of the unsafe set that a state is in, or of the axis past whose end it is."""
+def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
+    """The name of the unsafe set that a state under u_j is in, or of the axis past whose end it is."""
     problem, grid = table.problem, table.grid
     if met:
         inside = grid.clipped(state[None], "frees")
-        return min(problem.unsafe, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
+        some = [part for part in problem.unsafe if part.counts(j)]
+        return min(some, key=lambda part: float(problem.value_of(part, inside, t)[0])).name
     low, high = grid.faces("fails")
     return grid.names[int(np.argmax(np.maximum(low - state, state - high)))]
 

@@ -2,11 +2,12 @@
 
 At every sampling time t_k the robot measures its state and the controller selects an input. Apart from the controller,
 only the adversary may read the table. Collisions are detected by the true level-set functions at 20 instants of every
-interval. The outcome of a run is one of
+interval, and between these where bounds on the functions leave open whether something fast was met. The outcome of a
+run is one of
 
 * reached: at a sampling time the state was in the true target, and no collision was detected before; without a target,
   the run lasted until the last sampling time, or the state left the grid past a safe end;
-* collided: the state was in an unsafe set at one of the instants, the start included;
+* collided: the state was in an unsafe set at one of these instants, the start included;
 * left: at a sampling time before the last, the state was in no tube, so the controller had no answer;
 * late: none of these by the last sampling time;
 * off the grid: the state left the grid past an unsafe end.
@@ -131,11 +132,38 @@ class Report:
         object.__setattr__(self, "counts", Sealed(self.counts))
 
     def rate(self, outcome: str) -> float:
-        """The share of the runs that had this outcome."""
+        """The share of the runs that had this outcome.
+
+        Raises
+        ------
+        KeyError
+            If the outcome is none of `report.counts`.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> sdhj.monte_carlo(controller, runs=100, progress=False).rate("collided")
+        0.0
+        """
         return self.counts[outcome] / self.runs
 
     def interval(self, outcome: str) -> tuple[float, float]:
-        """95% confidence interval of the rate of an outcome (Wilson's score interval)."""
+        """95% confidence interval of the rate of an outcome (Wilson's score interval).
+
+        Raises
+        ------
+        KeyError
+            If the outcome is none of `report.counts`.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> low, high = sdhj.monte_carlo(controller, runs=100, progress=False).interval("collided")
+        >>> float(round(high, 3))
+        0.037
+        """
         return score_interval(self.counts[outcome], self.runs)
 
     def __str__(self) -> str:
@@ -189,6 +217,14 @@ def simulate(
     ValueError
         If q0 is not a state, the adversary is unknown or returns v outside its bounds, or `steps` is given although
         something depends on time.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`:
+
+    >>> run = sdhj.simulate(controller, [-2.1], adversary="worst", seed=0)
+    >>> run.outcome, len(run.inputs)
+    ('reached', 3)
     """
     check_controller(controller)
     play, seed = adversary_of(adversary), whole("seed", seed, least=0)
@@ -250,6 +286,14 @@ def monte_carlo(
     ------
     ValueError
         If an option is invalid, an adversary exceeds its bounds, or no state can be drawn because the tube is empty.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`:
+
+    >>> report = sdhj.monte_carlo(controller, runs=500, adversary="worst", seed=0, progress=False)
+    >>> report.counts["reached"]
+    500
     """
     check_controller(controller)
     play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)

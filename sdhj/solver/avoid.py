@@ -55,10 +55,14 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
-    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want."""
+    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want.
+
+    Inputs under which the set is not unsafe have -inf.
+    """
     found = former.tube(danger, step) if former else None
     if found is None:
         found = games.avoid(danger.part, step)[(slice(None), *inside)]
+        found[~danger.part.counts(np.arange(len(found)))] = -np.inf
     if former:
         former.keep(danger, found)
     return found

@@ -37,7 +37,8 @@ def meaning(function: Any) -> Meaning:
 
 def meaning_of_set(part: Any) -> Meaning:
     """A key of what an unsafe set or a target is, wherever it stands in its problem."""
-    return part.axes, getattr(part, "sampling", ""), meaning(part.level_set), meaning(getattr(part, "swept", None))
+    how = getattr(part, "sampling", ""), getattr(part, "inputs", None)
+    return part.axes, *how, meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
 def meaning_around(problem: ReachAvoidProblem) -> Meaning:

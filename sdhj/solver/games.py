@@ -13,7 +13,7 @@ The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import groupby
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
@@ -556,24 +556,25 @@ class JointGames(HJIGames):
             return
         steps = self.steps(self.axes, step)
         obstacles = [ObstacleFunction.of(problem, unsafe_set, unsafe_set.axes) for unsafe_set in problem.unsafe]
-        unsafe = [(self.obstacle_at(obstacle, step, steps), obstacle.axes) for obstacle in obstacles]
+        unsafe = [self.obstacle_at(obstacle, step, steps) for obstacle in obstacles]
 
         @cache
-        def union(tau: float) -> FloatArray:
-            """-g of the union of all unsafe sets at tau: the maximum, on the whole grid."""
+        def union(some: tuple[int, ...], tau: float) -> FloatArray:
+            """-g of the union of some unsafe sets at tau: the maximum, on the whole grid."""
             values = np.full((1,) * grid.ndim, -np.inf)
-            for at, axes in unsafe:
-                values = np.maximum(values, grid.lift(at(tau), axes))
+            for place in some:
+                values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
-
-        all_obstacles = None if not obstacles else union if problem.view_time == "instantaneous" else union(0.0)
-        keywords: dict[str, Any] = {"obstacle": all_obstacles, "steps": steps}
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
             """Yield (j, level-set function of the reach-avoid set) for every input."""
             for j in range(self.count):
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
+                some = tuple(place for place, one in enumerate(problem.unsafe) if one.counts(j))
+                instant = problem.view_time == "instantaneous"
+                met: Any = None if not some else partial(union, some) if instant else union(some, 0.0)
+                keywords: dict[str, Any] = {"obstacle": met, "steps": steps}
                 yield j, evolve_stopped(grid, values, velocities, self.duration, self.scheme, self.early, **keywords)
 
         yield from in_eights(grid, solved())

@@ -263,6 +263,11 @@ class ProjectedSets(GridSets):
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
+    def _under(self, name: str) -> str:
+        """Of which inputs a set says so."""
+        part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
+        return "" if part.inputs is None else f" of {list(part.inputs)}"
+
     def empty(self) -> list[Finding]:
         """Subspaces that hold nothing of the target, and unsafe sets that fill them all."""
         problem, names = self.problem, self.problem.grid.names
@@ -285,7 +290,7 @@ class ProjectedSets(GridSets):
             if share == 0.0:
                 cause = (
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
-                    "what was dropped is unsafe, so no input counts as safe; "
+                    "what was dropped is unsafe, so no input counts as safe" + self._under(name) + "; "
                 )
                 found.append(Finding(cause, share, "keep more of the axes it depends on", ProjectionWarning))
         return found

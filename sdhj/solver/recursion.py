@@ -24,6 +24,7 @@ from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import before_prediction, shrunk
 from sdhj.solver.avoid import dangers, never_met, tube_of
 from sdhj.solver.former import Former, Patch
@@ -375,7 +376,7 @@ def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[
             lifted = np.expand_dims(tube, [i for i in range(len(kept)) if i not in at])
             np.maximum(lifted if first else out, lifted, out=out)
     for tube in total if problem.sensing else ():
-        tube[:] = shrunk(problem, tube, kept)
+        tube[:] = shrunk(problem, np.maximum(tube, -LARGEST), kept)  # -inf times 0 is no number
     inner = (slice(None) if layout.slabs > 1 else problem.grid.inner[axis] for axis in kept)
     return [np.ascontiguousarray(total[(slice(None), *inner)])], met
 

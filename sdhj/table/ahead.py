@@ -8,8 +8,8 @@ import numpy as np
 from sdhj.formulas.formula import program
 from sdhj.formulas.graph import Node, leaf, rebuilt
 from sdhj.kernels import FloatArray
-from sdhj.kernels.tape import Tape, packed
-from sdhj.kernels.true_sets import CHECKED_INSTANTS, TRUE_SETS_TOO, judge, propose, samples_for
+from sdhj.kernels.tape import Packable, Tape, packed
+from sdhj.kernels.true_sets import CHECKED_INSTANTS, TRUE_SETS_TOO, heed_inputs, judge, propose, samples_for
 from sdhj.kernels.tubes import CHECK_TIMES
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
@@ -18,7 +18,7 @@ NO_TAPES = program(()) * 3
 
 
 def prepared(
-    problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[FloatArray], checks: bool
+    problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
     """A problem at a step as `sdhj.kernels` reads it, packed.
 
@@ -33,10 +33,18 @@ def prepared(
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
     faces = np.array([*grid.faces("holds", "frees"), grid.lower, grid.upper, *interval.held])
-    return packed(*grid.arrays, *axes, order, times if checks else times[:0], faces, np.array([interval.begin]), *tapes)
+    when, inputs = (times if checks else times[:0], faces, np.array([interval.begin])), np.arange(len(problem.inputs))
+    under = [0 * inputs - 1 if part.inputs is None else part.counts(inputs) for part in problem.unsafe]
+    some = np.array(under, dtype=np.int64) if conditional(problem) else np.zeros(0, np.int64)
+    return packed(*grid.arrays, *axes, order, *when, some, *tapes)
 
 
-def tapes_of(problem: ReachAvoidProblem) -> tuple[FloatArray, ...]:
+def conditional(problem: ReachAvoidProblem) -> bool:
+    """Whether a set is unsafe under some inputs only."""
+    return any(part.inputs is not None for part in problem.unsafe)
+
+
+def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
     """Tapes of the paths under all inputs, of the unsafe sets and of the target, on state and time."""
     ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
@@ -63,13 +71,19 @@ def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: F
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]
     count, here = len(times), CHECKED_INSTANTS if len(times) > 1 else 0  # the place of the state among the points
     out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
-    samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, 1)
+    sets = 1 + conditional(problem)  # all together; and those that are unsafe under some inputs
+    under = np.repeat(np.array([-1, 1]), len(problem.inputs))
+    samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
     queue, _, hazard, points, _, level, there = samples
     given = batch.within, batch.states, rows, (ints, floats), (ends, scores), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]
         level[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
+        if sets > 1:
+            found = problem.unsafe_along(at, times, batch.best[rows[some]]).ravel()
+            level[1, : waiting * count] = np.where(found < level[0, : waiting * count], found, np.inf)
+            heed_inputs(waiting, rows, count, under, batch.best, samples)
         inside = there[0, : waiting * count].reshape(waiting, count)
         for near, first, end in ((queue[2, some] == 0, here + 1, count), (out[0][rows[some]] == 0, here, here + 1)):
             if near.any() and not problem.has_no_target:

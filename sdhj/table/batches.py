@@ -148,6 +148,19 @@ class Table:
         -------
         sdhj.simulation.played.Played
             `print` shows how many runs were lost, in which way, and what would help.
+
+        Raises
+        ------
+        ValueError
+            As `sdhj.monte_carlo`.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> played = table.played(runs=200)
+        >>> played.lost
+        0
         """
         if self.player is None:
             raise ValueError(f"this {type(self).__name__} has no player; use a table of sdhj.solve or sdhj.load")
@@ -175,6 +188,13 @@ class Table:
         ------
         ValueError
             If a shape, a number, `step` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> print(str(table.explain([2.95], step=0)).splitlines()[0])
+        In the tube for step 0 with 5 steps to go: its level there is -0.05. Safe inputs: [0].
         """
         return self._explain(q, step, within)
 
@@ -216,6 +236,18 @@ class Table:
         (M,) bool
             False for states off the grid, in the unsafe set itself and, with within = 0, outside the target itself,
             whatever is interpolated between nodes.
+
+        Raises
+        ------
+        ValueError
+            If `points`, `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> table.contains([[-2.1], [2.95]], start=0, within=3)
+        array([ True, False])
         """
         points = points_array("points", np.atleast_2d(real_array("points", points)), self.grid.ndim)
         start, within = self.clipped(start, within)
@@ -230,6 +262,18 @@ class Table:
         """Share of the state space that is in the tube (start, within), from 0 to 1; see `contains` for the two.
 
         It is the share of the grid's volume, counted by nodes, or by cells for a certified table.
+
+        Raises
+        ------
+        ValueError
+            If `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> [round(table.fraction(start=0, within=n), 3) for n in range(4)]
+        [0.263, 0.338, 0.438, 0.537]
         """
         return self._share(*self.clipped(start, within))
 
@@ -264,6 +308,19 @@ class Table:
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
         N - step is used. ValueError also where a state has a NaN or an infinity.
+
+        Raises
+        ------
+        ValueError
+            If `states` is not (M, ndim) and finite, or a number does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> told = table.batch([[-2.1], [0.5], [3.9]], step=0)
+        >>> told.steps_to_go, told.promised
+        (array([ 3,  0, -1]), array([ True,  True, False]))
         """
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
@@ -392,8 +449,20 @@ class Table:
         -------
         (M, L) array
             For each state and input j the value of its avoid tube: <= 0 if u_j stays clear whatever the adversary does,
-            -inf if there are no unsafe sets. A table on a grid interpolates, and beyond a wall uses the value at the
+            -inf if no set is unsafe under it. A table on a grid interpolates, and beyond a wall uses the value at the
             wall; a certified table gives <= 0 only with proof.
+
+        Raises
+        ------
+        ValueError
+            If `states` or `step` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> table.hazards(np.array([[2.9]]), 0) <= 0
+        array([[ True,  True, False]])
         """
         step = whole("step", step, least=0, most=self.steps - 1)
         return self._hazards(states_array("states", states, self.grid.ndim), step)
@@ -409,6 +478,18 @@ class Table:
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
         `within` (M,) is clipped to the range from 0 to N - step.
+
+        Raises
+        ------
+        ValueError
+            If a shape or the step does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> table.values_at(np.array([[[-2.0], [2.0]]]), 0, np.array([3])) <= 0
+        array([[ True,  True]])
         """
         points, step = real_array("points", points), whole("step", step, least=0, most=self.steps)
         within = np.clip(within, 0, self.steps - step)

@@ -27,7 +27,7 @@ class Fallback:
         avoid tube (up to interpolation; for a certified table by proof), else 0. Always 0 off the grid. That the target
         will be reached is never promised.
     hazard : float
-        Level-set value of that avoid tube at the state: <= 0 inside, -inf if there is no unsafe set.
+        Level-set value of that avoid tube at the state: <= 0 inside, -inf if no set is unsafe under the input.
     """
 
     input: int

@@ -145,6 +145,13 @@ class Controller:
         ------
         ValueError
             If q or step does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> controller.steps_to_go([-2.1], 0), controller.steps_to_go([0.5], 0), controller.steps_to_go([3.9], 0)
+        (3, 0, None)
         """
         to_go = int(self._query(q, step).steps_to_go[0])
         return None if to_go == NOT_ADMISSIBLE else to_go
@@ -167,6 +174,13 @@ class Controller:
             If no tube of this step contains q.
         ValueError
             If q or step does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.inputs[controller.safe_inputs([-2.1], 0)]
+        array([[1.]])
         """
         return np.flatnonzero(self.checked(self._admissible(q, step))[0])
 
@@ -190,6 +204,13 @@ class Controller:
         ValueError
             If q or step does not fit, at the last step N, after which nothing is left to do, or if a rule of your own
             does not return a number for each safe input.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> problem.inputs[controller.select([-2.1], 0)]
+        array([1.])
         """
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
@@ -210,6 +231,14 @@ class Controller:
         For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
         the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
         ValueError also at the last step.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, just before the wall, the way out is to the left:
+
+        >>> answer = controller.fallback([2.95], 0)
+        >>> problem.inputs[answer.input], answer.steps
+        (array([-1.]), 1)
         """
         state = finite_array("a state", q, (self.problem.grid.ndim,))
         chosen, promised, hazards = fallbacks(self.table, state[None], self._at(step))
@@ -291,6 +320,13 @@ class Controller:
         ------
         ValueError
             If an argument does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, without a `Sensing` the state is the measurement:
+
+        >>> controller.predict([-2.1], step=0)
+        array([-2.1])
         """
         states, most = real_array("a measurement", measurement), len(self.problem.inputs) - 1
         given = plain_array("previous", self.problem.sensing.rest if previous is None else previous)
@@ -310,6 +346,18 @@ class Controller:
         Returns
         -------
         bool, or (M,) bool for many measurements
+
+        Raises
+        ------
+        ValueError
+            If an argument does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> controller.admissible([[-2.1], [3.9]], step=0)
+        array([ True, False])
         """
         states = np.atleast_2d(self.predict(measurement, previous, step))
         batch = self.table.answers(states, self._at(step), self.table.steps - self._at(step))
@@ -335,6 +383,14 @@ class Controller:
         -----
         At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> action = controller.step([-2.1], 0)
+        >>> action.input, action.promised
+        (2, True)
         """
         problem, steps = self.problem, self.table.steps
         most = np.inf if problem.time_invariant else (steps + 0.5) * problem.delta
@@ -392,6 +448,13 @@ class Controller:
         ------
         ValueError
             If a state has a NaN or an infinity, or if shape or step do not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> controller.batch([[-2.1], [0.5]], 0).steps_to_go
+        array([3, 0])
         """
         return self.table.batch(states, self._at(step))
 
@@ -424,6 +487,14 @@ class Controller:
         ------
         ValueError
             At the last step, or if an argument does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, away from the target is refused:
+
+        >>> answer = controller.filter([-2.9], 0, wanted=0)
+        >>> int(answer.inputs), bool(answer.overruled)
+        (2, True)
         """
         step = whole("step", self._at(step), least=0, most=self.table.steps - 1)
         if self.table.proved and np.ndim(q) == 1 and (found := self._filtered(q, step, wanted)):
@@ -486,6 +557,18 @@ class Controller:
 
         It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`. `before` (M,)
         are the inputs held until now, -1 where none is known, as by default: `Candidates.before`.
+
+        Raises
+        ------
+        ValueError
+            If a rule of your own returns something else than a number for each candidate.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> controller.choose(controller.batch([[-2.1], [2.1]], 0))
+        array([2, 0])
         """
         if self.rule == "deepest" or not batch.safe.any():
             return batch.best.copy()

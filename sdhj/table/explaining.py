@@ -77,7 +77,7 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
-    for unsafe_set in problem.unsafe:
+    for unsafe_set in (one for one in problem.unsafe if one.inputs is None):
         if (value := problem.value_of(unsafe_set, state, problem.time(step))[0]) <= 0:
             return f"The state is in the unsafe set {unsafe_set.name!r}, whose level there is {value:.3g}."
     if within == 0 and not problem.has_no_target and (value := problem.target_value(state, problem.time(step))[0]) > 0:
@@ -136,7 +136,7 @@ def _failure(
 ) -> Failure:
     """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked."""
     if hazard > 0:
-        name, when = _nearest(table, state, ends, step)
+        name, when = _nearest(table, state, j, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
         return Failure(j, name, -float(hazard), says)
     if margin > 0:
@@ -147,8 +147,8 @@ def _failure(
     return Failure(j, "marks", -0.0, says)
 
 
-def _nearest(table: Any, state: FloatArray, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The unsafe set or the end of an axis that an input comes nearest to, and after how many seconds.
+def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
+    """The unsafe set or the end of an axis that input j comes nearest to, and after how many seconds.
 
     It is looked for on the lines from the state to the ends (P, ndim) that the input may lead to, relative to it.
     """
@@ -156,7 +156,7 @@ def _nearest(table: Any, state: FloatArray, ends: FloatArray, step: int) -> tupl
     best = np.inf, "the unsafe ends of the grid", 0.0
     for s in np.linspace(0.0, 1.0, INSTANTS_TRIED).tolist():
         points, t = state + s * ends, problem.time(step) + s * problem.delta
-        for unsafe_set in problem.unsafe:
+        for unsafe_set in (one for one in problem.unsafe if one.counts(j)):
             level = float(problem.value_of(unsafe_set, grid.clipped(points), t).min())
             best = min(best, (level, unsafe_set.name, s * problem.delta))
         for name, least, most in zip(grid.names, *grid.faces("fails"), strict=True):

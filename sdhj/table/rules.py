@@ -29,6 +29,15 @@ class Candidates:
         As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
+
+    Examples
+    --------
+    With the robot on a line of `help(sdhj)`, as far to the right as is safe:
+
+    >>> def to_the_right(candidates: sdhj.Candidates):
+    ...     return -problem.inputs[candidates.inputs, 0]
+    >>> sdhj.Controller(table, rule=to_the_right).select([0.0], 0)
+    2
     """
 
     problem: ReachAvoidProblem
@@ -75,5 +84,7 @@ RULES: dict[str, Rule] = {  # the input of the least score is selected
     "deepest": lambda among: among.depths,
     "effort": lambda among: np.linalg.norm(among.problem.inputs, axis=1)[among.inputs],
     "target": lambda among: among.problem.target_value(among.successors, among.problem.time(among.step + 1)),
-    "clearance": lambda among: -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1)),
+    "clearance": lambda among: (
+        -among.problem.unsafe_value(among.successors, among.problem.time(among.step + 1), among.inputs)
+    ),
 }

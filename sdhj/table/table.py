@@ -265,6 +265,19 @@ class LookupTable(Table):
         array of shape grid.shape
             <= 0 inside; a read-only view. These are the computed values, which are interpolated between the nodes;
             `contains` and `batch` also check the true sets. With `Sensing`, the states are predictions.
+
+        Raises
+        ------
+        ValueError
+            If `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> values = table.values(start=0, within=3)
+        >>> values.shape, problem.grid.nodes(0)[values <= 0][[0, -1]]
+        ((81,), array([-2.1,  2.1]))
         """
         return sealed(self.value_array(start, within))
 
@@ -273,6 +286,18 @@ class LookupTable(Table):
 
         u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
         in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
+
+        Raises
+        ------
+        ValueError
+            If `start` or `within` does not fit.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`, the inputs -1, 0 and 1 m/s at -2 m:
+
+        >>> table.inputs(start=0, within=3)[20]
+        array([False, False,  True])
         """
         count = len(self.problem.inputs)
         bits = np.unpackbits(self.mark_array(start, within), axis=0, count=count, bitorder="little")
@@ -355,7 +380,23 @@ class LookupTable(Table):
     # ---- on disk
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to an HDF5 file; replaces it, whole or not at all."""
+        """Write the table to an HDF5 file; replaces it, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        With the robot on a line of `help(sdhj)`:
+
+        >>> import tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "line.h5"
+        >>> table.save(path)
+        >>> sdhj.load(path).fraction() == table.fraction()
+        True
+        """
         axes = {name: getattr(self.avoid, f"{name}_axes") for name in ("static", "moving")}
         with written_table(path, self, avoid_axes=axes, entries="start and within of each entry of the index") as file:
             file["entries"] = entries(self.steps)

@@ -114,7 +114,7 @@ def test_each_recipe_prints_what_is_shown(played: tuple[dict[str, Any], list[tup
                 float(b.strip(",.").replace(",", "")), rel=0.05
             )
     silent = [place for place, (shown, _) in enumerate(said) if not shown]
-    assert silent == [0, 4]  # the robot itself, and the picture
+    assert silent == [0, 6]  # the robot itself, and the picture
     assert {"office.yaml", "keep_out.pgm", "pictures/office.png"} <= set(names["files"])
 
 

@@ -43,12 +43,15 @@ def test_a_readme_without_its_command_is_refused(text: str, said: str) -> None:
 
 
 def test_files_that_are_named_are_there() -> None:
-    assert len(named_files(ROOT / "README.md")) > 30
+    assert len(named_files(ROOT / "README.md")) > 20
     assert [path for path in named_files(ROOT / "README.md") if not path.exists()] == []
 
 
 def test_it_is_read_in_ten_minutes() -> None:
-    assert len(TEXT.splitlines()) <= 200
+    """But for a table's head and an address no line is wider than a screen."""
+    lines = TEXT.splitlines()
+    assert len(lines) <= 200
+    assert [line for line in lines if len(line) > 120 and not line.startswith(("| method |", "[paper]: "))] == []
 
 
 def shape_of(text: str) -> list[str]:

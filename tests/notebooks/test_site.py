@@ -191,7 +191,7 @@ def test_all_that_the_package_offers_has_an_entry_and_each_class_one_example(sit
     for name in set(sdhj.__all__) - {"__version__"}:
         entry, given = shown[f"sdhj.{name}"], getattr(sdhj, name)
         if inspect.isclass(given):
-            (title,) = entry.find_all("p", class_="rubric", string="Examples")
+            (title,) = entry.select(":scope > dd > p.rubric:-soup-contains(Examples)")  # not a method's
             example = title.find_next("div", class_="doctest").text
             assert example.strip().startswith(">>> ") and "\\" not in example, name
 

@@ -109,6 +109,11 @@ class Part:
     name: str
     axes: tuple[int, ...]
     function: Formula | BlackBox
+    inputs: tuple[int, ...] | None = None  # under which an unsafe set is unsafe; None: under all, and a state in it too
+
+    def counts(self, j: int) -> bool:
+        """Whether the set is unsafe under an input."""
+        return self.inputs is None or j in self.inputs  # check 4.50
 
     @property
     def moving(self) -> bool:
@@ -156,24 +161,29 @@ class Functions:
         except (AssertionError, AttributeError, LookupError):
             expect(False, "the problem given must have the black box of the file", name)
 
-    def part(self, name: str, given: Mapping[str, Any], ndim: int) -> Part:
-        """A set, by its name among the functions and what the head says."""
+    def part(self, name: str, given: Mapping[str, Any], ndim: int, count: int = 0) -> Part:
+        """A set, by its name among the functions and what the head says; an unsafe one of so many inputs."""
         axes = given["axes"]
         fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})  # check 7.24
         fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)  # check 7.23
         expect(fits, "axes of a set must be some of the axes, each once", axes)
         own = BlackBox(name, self.black_box(name)) if name in self.opaque else self.formula(name, len(axes))
         expect(not isinstance(own, Formula) or len(own.results) == 1, f"{name} must have one result", own)  # check 7.21
-        return Part(str(given["name"]), tuple(axes), own)
+        if (inputs := given.get("inputs")) is None:
+            return Part(str(given["name"]), tuple(axes), own)
+        fits = isinstance(inputs, list) and 0 < len(inputs) == len({*inputs})
+        fits = fits and all(is_whole(j, 0, count - 1) for j in inputs)  # check 7.49
+        expect(fits, "inputs of an unsafe set must be numbers of inputs, each once", inputs)
+        return Part(str(given["name"]), tuple(axes), own, tuple(inputs))
 
-    def parts(self, head: Any, ndim: int) -> tuple[Part | None, list[Part]]:
+    def parts(self, head: Any, ndim: int, count: int) -> tuple[Part | None, list[Part]]:
         """The target, if there is one, and the unsafe sets, by what the head says of sets."""
         kinds = [given["kind"] for given in head]
         first = int("target" in kinds)
         fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)  # check 7.25
         expect(fits, "sets must be a target, if there is one, and unsafe sets", kinds)
         target = self.part("target", head[0], ndim) if first else None
-        return target, [self.part(f"unsafe {k}", given, ndim) for k, given in enumerate(head[first:])]
+        return target, [self.part(f"unsafe {k}", given, ndim, count) for k, given in enumerate(head[first:])]
 
 
 class Velocity:

@@ -31,6 +31,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
+from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
     MOST_STEPS,
@@ -100,7 +101,7 @@ class Robot(Sets):
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
-        self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim)
+        self.target, self.unsafe = functions.parts(head["sets"], self.grid.ndim, self.count)
         self.trusted = functions.opaque.keys() & {"drift", "gain", "bounds", "velocity"}  # what is stated of these
         self.delay, self.jitter, self.error = self.sensing.delay, self.sensing.jitter, self.sensing.error
         # check 7.15
@@ -148,6 +149,8 @@ class Robot(Sets):
         )
         moves = self.steps if timed else 1, self.count, math.prod(self.counts[self.known].tolist()), ndim  # check 7.12
         self.low, self.high = (array(arrays, name, np.int16, *moves) for name in ("low", "high"))
+        self.sticks = STICKS_OUT
+        self.lines = Lines(self, stated, arrays) if "normals" in stated else None
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
         self.time_invariant = len(self.index) != pairs
@@ -255,14 +258,17 @@ class Robot(Sets):
         own = zip(self.strides.tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
 
+    def boxes(self, places: Array) -> Array:
+        """The boxes of states that count as at places (M,), whole along the other axes: (2, M, ndim)."""
+        whole = np.array([self.grid.lower, self.grid.upper])[:, None]
+        return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
+
     def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
         """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
-        grid, cells = self.grid, self.cells_at(places)
-        # check 3.26
-        at = np.where(self.known, self.ends(cells, self.near), np.array([grid.lower, grid.upper])[:, None])
+        grid, at = self.grid, self.boxes(places)
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        swept, marks = np.empty((len(cells), self.parts, 2, cells.shape[1])), np.arange(self.parts * finer + 1)
+        swept, marks = np.empty((len(places), self.parts, 2, grid.ndim)), np.arange(self.parts * finer + 1)
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
@@ -270,7 +276,7 @@ class Robot(Sets):
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
-        moved = held(np.zeros((2, *cells.shape)) + OUTWARD * self.off)  # check 3.9
+        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * self.off)  # check 3.9
         least, most = moved  # of all that may be its end
         for part in range(self.parts):
             a, b = moved
@@ -362,8 +368,8 @@ class Robot(Sets):
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
 
-    def clear_holds(self, ends: Array, step: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
-        """Whether tubes swept[at] from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
+    def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
+        """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.inside(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
@@ -375,7 +381,7 @@ class Robot(Sets):
             out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
             out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
-        for unsafe_set in self.unsafe:  # check 4.30
+        for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
                 # check 4.32
@@ -390,7 +396,7 @@ class Robot(Sets):
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
-    def blocks_hold(self, step: int, places: Array, swept: Array) -> Array:
+    def blocks_hold(self, step: int, j: int, places: Array, swept: Array) -> Array:
         """Which cells are clear, (cells,) bool, decided for blocks that move alike; False means still open."""
         counts, sides = self.counts, np.where(self.known, 1, SIDE)
         shape = -(-counts // sides)
@@ -401,7 +407,7 @@ class Robot(Sets):
             some = begin + np.flatnonzero(looked_at[begin : begin + BOXES_AT_ONCE])
             last = np.minimum(first[some] + sides, counts) - 1  # check 4.34
             ends = np.stack([self.ends(first[some])[0], self.ends(last)[1]])
-            out[some] = self.clear_holds(ends, step, swept, at[some], 0)
+            out[some] = self.clear_holds(ends, step, j, swept, at[some], 0)
         out = out.reshape(shape)
         for axis in np.flatnonzero(~self.known):
             out = out.repeat(SIDE, axis).take(np.arange(counts[axis]), axis)
@@ -421,7 +427,7 @@ class Robot(Sets):
         # check 5.15
         times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
         box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
-        for unsafe_set in self.unsafe:
+        for unsafe_set in (one for one in self.unsafe if one.inputs is None):
             out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
@@ -467,15 +473,24 @@ class Robot(Sets):
         first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
         # check 3.49
         gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
+        inside = self.box_inside(first, last, sums)
+        if self.lines is not None:  # a part of the box will do
+            some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
+            inside[some] = self.lines.inside(self, cells[left[some]], start, j, sums)
+        out[left] = gone | inside
+        return out
+
+    def box_inside(self, first: Array, last: Array, sums: Array) -> Array:
+        """Whether all cells from first to last (M, ndim), clipped at ends that are none, are in a set: (M,)."""
+        most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
         first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
         last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
-        total = np.zeros(len(left), np.int64)
-        for corner in product((0, 1), repeat=cells.shape[1]):
+        total = np.zeros(len(first), np.int64)
+        for corner in product((0, 1), repeat=len(most)):
             at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
             total += sums[at] * (-1) ** corner.count(0)
-        out[left] = gone | (total == np.prod(last - first + 1, axis=1))  # check 3.44
-        return out
+        return total == np.prod(last - first + 1, axis=1)  # check 3.44
 
     # ---- claims
 
@@ -539,14 +554,18 @@ class Robot(Sets):
                     own = slice(begin, begin + BOXES_AT_ONCE)
                     swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)  # check 3.20
                     held[own] = self.moves_hold(looked_at[own], start, j, last)  # check 3.30
+                    if self.lines is not None:
+                        box = self.boxes(looked_at[own])
+                        # check 3.68
+                        held[own] &= self.lines.hold(self, box, looked_at[own], start, j, swept[own], 4 * finer)
                 moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
                     if finer == FINER[0] and not self.known.all():
-                        some = some[~self.blocks_hold(step, looked_at, swept)[numbers[some]]]
+                        some = some[~self.blocks_hold(step, j, looked_at, swept)[numbers[some]]]
                     rows = np.searchsorted(looked_at, at[some])
                     slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
                     good = [
-                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, swept, rows[own])
+                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, j, swept, rows[own])
                         for own in slabs
                     ]
                     open_[step] = some[~np.concatenate(good)] if good else some

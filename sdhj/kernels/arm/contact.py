@@ -32,7 +32,7 @@ class Disks(NamedTuple):
 
 
 class ArmMotion(NamedTuple):
-    """What one interval does to the cells of an arm and a pursuer, for `arm_inputs`.
+    """The images of cells of an arm and a pursuer over one interval, for `arm_inputs`.
 
     first, number (4, L, n) : cells that cover the image of each cell of each axis, padded to one length
     moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts

@@ -34,11 +34,12 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
         same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))
     same = same and not moves.timed and not any(one.reads("x") for one in moves.all)
     expect(same, "velocities of the head must be those of its recipe", given)
-    target, unsafe = functions.parts(head["sets"], 4)
+    target, unsafe = functions.parts(head["sets"], 4, len(inputs))
     own = [lambda q, t: obstacles(q, t, scene)] * bool(len(scene.disks))
     own += [lambda q, t: arm_to(q, q[:, 2:], scene) - (given["pursuer_radius"] + given["half_width"])] * chased(scene)
     parts: list[Any] = [target, *unsafe]
-    expect(target is not None and len(unsafe) == len(own), "sets of the head must be those of its recipe", len(unsafe))
+    same = target is not None and len(unsafe) == len(own) and all(one.inputs is None for one in unsafe)
+    expect(same, "sets of the head must be those of its recipe", len(unsafe))
     states: Array = np.random.default_rng(0).uniform(-upper, upper, (STATES, 4))
     for part, value in zip(parts, (lambda q, t: goal(q, t, scene), *own), strict=True):
         for t in np.linspace(0.0, given["delta"] * given["steps"], 5).tolist():

@@ -1,0 +1,161 @@
+"""Lines: what a file says of images that are no boxes, derived anew.
+
+Of each row of cells in a move's box, on the axes that a normal has a part along but the last, a line says which cells
+along the last axis an image may hold. An image lies between planes: on axes that no velocity depends on, everything
+from a cell moves by an integral of velocities, along a normal n by at most that of the greatest n . f, whatever the
+adversary does meanwhile. The normals are the file's: any will do. How far the planes are is bounded here.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise, product
+from typing import Any
+
+import h5py
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+from sdhj.certified.check.described import Times, Velocity
+from sdhj.certified.check.reading import MOST_COUNTED, array, expect, is_whole, reals
+
+MOST_NORMALS = 64
+MOST_CUT = 4096  # pieces of the adversary's box
+ROUNDED = 1e-15  # of the terms that are added up
+
+
+def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Least and greatest n . x over boxes (M, ndim), rounded outward: both (M, K)."""
+    out = np.zeros((2, len(low), len(normals)))
+    for k, normal in enumerate(normals):
+        for axis in np.flatnonzero(normal):
+            ends = normal[axis] * np.stack([low[:, axis], high[:, axis]])
+            more = ROUNDED * np.abs(ends).max(axis=0)
+            out[0, :, k] += ends.min(axis=0) - more
+            out[1, :, k] += ends.max(axis=0) + more
+    return out[0], out[1]
+
+
+def fastest(
+    velocity: Velocity, normals: Array, j: int, low: Array, high: Array, times: Times, cuts: int
+) -> tuple[Array, Array]:
+    """Least and greatest n . f under u_j and any adversary over boxes (M, ndim): both (M, K)."""
+    half = np.maximum(*map(np.abs, velocity.own["bounds"][j].bounds(low, high, times)))
+    if velocity.linear:
+        least, most = spread(normals, *velocity.own["drift"][j].bounds(low, high, times))
+        shape = len(low), velocity.ndim, velocity.adversaries
+        gain = [end.reshape(shape) for end in velocity.own["gain"][j].bounds(low, high, times)]
+        for d in range(velocity.adversaries):
+            far = np.maximum(*map(np.abs, spread(normals, gain[0][:, :, d], gain[1][:, :, d])))
+            push = far * half[:, d, None] * (1 + ROUNDED)
+            least, most = least - push, most + push  # check 3.52
+        return least, most
+    each = max(min(cuts, int(MOST_CUT ** (1 / max(velocity.adversaries, 1)))), 1)
+    least, most = np.full((len(low), len(normals)), np.inf), np.full((len(low), len(normals)), -np.inf)
+    for at in product(range(each), repeat=velocity.adversaries):
+        shares = [(2 * i / each - 1, 2 * (i + 1) / each - 1) for i in at]
+        pieces = [(a * one, b * one) for (a, b), one in zip(shares, half.T, strict=True)]
+        a, b = spread(normals, *velocity.own["velocity"][j].bounds(low, high, times, *pieces))
+        least, most = np.minimum(least, a), np.maximum(most, b)
+    return least, most
+
+
+class Lines:
+    """The lines of a file; ValueError where they do not fit its moves, low and high (starts, L, places, ndim)."""
+
+    def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+        ndim = robot.grid.ndim
+        given, room = stated["normals"], stated["room"]
+        fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
+        expect(fits, f"normals must be 1 to {MOST_NORMALS}", given)
+        self.normals = np.array([reals("normals", one, ndim) for one in given])
+        self.oblique: Any = self.normals.any(axis=0)
+        # check 7.51
+        expect(not (self.oblique & robot.known).any(), "normals must be along axes that cells move alike on", given)
+        expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)
+        fits = isinstance(room, list) and len(room) == 2 and all(len(one) == ndim for one in room)
+        fits = fits and all(is_whole(one, 0, MOST_COUNTED**3) for side in room for one in side)
+        expect(fits, "room must be whole numbers for both ends of each axis", room)
+        self.room, self.width = np.array(room), np.array([float(width) for _, width, *_ in robot.axes])
+        self.bounded, self.scale = self.oblique & ~robot.periodic, robot.scale
+        self.leading = np.flatnonzero(np.array(self.oblique)[:-1])
+        numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
+        laps = ~robot.periodic[self.leading] | (numbers <= robot.counts[self.leading])
+        expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())
+        rows = int(numbers.prod(axis=-1).max())
+        self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
+
+    def far_from_ends(self, cells: Array, counts: Array) -> Array:
+        """Which cells (M, ndim) have lines: (M,)."""
+        return np.all((cells >= self.room[0]) & (cells < counts - self.room[1]), axis=1)
+
+    def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Each row of boxes of cells (M, ndim): its number, where it is on all axes, and which boxes have it."""
+        numbers = (high - low + 1)[:, self.leading]
+        for row in range(self.each.shape[3]):
+            at, rest = low.copy(), np.full(len(low), row)
+            for place in range(len(self.leading) - 1, -1, -1):
+                at[:, self.leading[place]] += rest % numbers[:, place]
+                rest //= numbers[:, place]
+            yield row, at, rest == 0
+
+    def reached(self, robot: Any, boxes: Array, j: int, swept: Array, start: float, cuts: int) -> tuple[Array, Array]:
+        """How far the states of boxes (2, M, ndim) with tubes `swept` get along the normals: both (M, K)."""
+        out = np.zeros((2, boxes.shape[1], len(self.normals)))
+        times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
+        for part, when in enumerate(pairwise(times)):
+            box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)
+
+            def bounds(low: Array, high: Array, when: Times = when) -> tuple[Array, Array]:
+                """Those of n . f in one part."""
+                return fastest(robot.moves, self.normals, j, low, high, when, cuts)
+
+            found = np.stack(robot.cut(range(robot.grid.ndim), box, bounds)) * (when[1] - when[0])
+            out += found + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(found) + np.abs(out))
+        return out[0], out[1]
+
+    def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: int, swept: Array, cuts: int) -> Array:
+        """Whether the lines of places hold all that is between the planes, and `room` all that ends may meet: (M,)."""
+        low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
+        back, ahead = -swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)
+        # check 3.57
+        fits = np.all(~self.bounded | ((back <= self.room[0] * self.width) & (-low <= self.room[0])), axis=1)
+        # check 3.58
+        fits &= np.all(~self.bounded | ((ahead <= (self.room[1] - 1) * self.width) & (high <= self.room[1])), axis=1)
+        least, most = self.reached(robot, boxes, j, swept, robot.time(start), cuts)
+        sticks, width, n = robot.sticks * self.scale, self.width, self.normals
+        first, past = low[:, -1] * width[-1] - sticks[-1], (high[:, -1] + 1) * width[-1] + sticks[-1]
+        for row, at, there in self.rows(low, high):
+            begin, end, empty = first.copy(), past.copy(), np.zeros(len(places), np.bool_)
+            a = (at * width - np.where(at == low, sticks, 0.0))[:, self.leading]
+            b = ((at + 1) * width + np.where(at == high, sticks, 0.0))[:, self.leading]
+            for k, way in product(range(len(n)), (-1.0, 1.0)):
+                slope = way * n[k]
+                own = most[:, k] if way > 0 else -least[:, k]
+                own = own + np.maximum(slope * width, 0.0).sum()  # of the cell itself  # check 3.61
+                terms = np.stack([slope[self.leading] * a, slope[self.leading] * b])
+                own += 4 * ROUNDED * (np.abs(own) + np.abs(terms).max(axis=0).sum(axis=1))
+                own -= terms.min(axis=0).sum(axis=1)  # check 3.62
+                if slope[-1] > 0:
+                    end = np.minimum(end, own / slope[-1])
+                elif slope[-1] < 0:
+                    begin = np.maximum(begin, own / slope[-1])
+                else:
+                    empty |= own < 0
+            lines = self.each[start, j, places, row].astype(np.int64)
+            # check 3.63
+            good = (lines[:, 0] * width[-1] <= begin + sticks[-1]) | (lines[:, 0] <= low[:, -1])
+            # check 3.64
+            good &= (end <= (lines[:, 1] + 1) * width[-1] + sticks[-1]) | (lines[:, 1] >= high[:, -1])
+            fits &= good | empty | (end < begin) | ~there
+        return fits
+
+    def inside(self, robot: Any, cells: Array, start: int, j: int, sums: Array) -> Array:
+        """Whether all cells of the lines of cells (M, ndim), far from the ends, are in a set with such sums: (M,)."""
+        places, out = cells @ robot.strides, np.ones(len(cells), np.bool_)
+        low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
+        for row, at, there in self.rows(low, high):
+            lines = self.each[start, j, places, row].astype(np.int64)
+            left = np.flatnonzero(out & there & (lines[:, 0] <= lines[:, 1]))
+            one, other = at[left], np.where(self.oblique, at[left], high[left])
+            one[:, -1], other[:, -1] = lines[left].T
+            out[left] = robot.box_inside(cells[left] + one, cells[left] + other, sums)
+        return out

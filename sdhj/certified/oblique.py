@@ -1,0 +1,224 @@
+"""Images that are no boxes: where a component of the disturbance moves several axes, lines of cells between planes.
+
+On axes that no velocity depends on, states of a place move alike: by an integral of velocities that u_j and V allow
+there. Along any normal n it is at most the integral of the greatest n . f, whatever v does in the interval: a mean
+of velocities lies in their hull. So the image of a cell lies between two planes for each normal, as well as in its box:
+
+    dq/dt = drift + gain v:   n . f in n . drift + [-1, 1] sum_d |n . gain_d| bounds_d, which is narrow where n is
+                              normal to gain_d
+    any velocity(v):          n . f in what it is over some of the pieces that V is cut into (`Dynamics.pieces`)
+
+Of each row of cells in the box the image is then a *line*, from a first to a last cell along the last axis. A cell from
+which a bounded axis may end on the way, `room`, keeps its box: whoever a wall holds back is not between the planes.
+With `Sensing`, with black boxes, and where moves would take too much memory, all cells do.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise, product
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from sdhj.certified.bounds import Bounds, within_grid
+from sdhj.certified.cells import DRIFT, CellAxis
+from sdhj.formulas.formula import Ends
+from sdhj.kernels import FloatArray, read_only
+from sdhj.kernels.oblique import draw_lines
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.table.files import stored
+
+FAN = 8  # normals in the plane of two axes where one component has many, half a turn of them
+SAME = 1e-9  # normals that are nearer to each other are one
+MOST_NORMALS = 32
+MOST_LINES = 1 << 22  # of all places and inputs: 16 MB
+STICK = 1.01 * DRIFT  # what an image may stick out of its cells, and what rounding adds
+ROUNDED = 1e-15
+
+
+class Lines(NamedTuple):
+    """The lines of all images, none where there are no normals.
+
+    normals (K, ndim). room (2, ndim) int64: cells with fewer cells than that before them or behind them on an axis have
+    boxes. each (starts, L, places, rows, 2) int16: the first and the last cell along the last axis, from a cell's own
+    on, of each row of the box on the axes that a normal has a part along.
+    """
+
+    normals: FloatArray
+    room: FloatArray
+    each: FloatArray
+
+
+def no_lines(ndim: int) -> Lines:
+    """Images are boxes."""
+    nothing = np.zeros((0, ndim)), np.zeros((2, ndim), np.int64), np.zeros((0, 0, 0, 0, 2), np.int16)
+    return Lines(*read_only(nothing))
+
+
+def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatArray) -> FloatArray:
+    """The normals of planes that images may lie between, (K, ndim), by the axes of a place (ndim,) bool.
+
+    Where the gain is one for all states and times: normal to each of its columns, in the plane of each two axes that it
+    moves, and the axes. Else a fan of `FAN` in each plane, as they are in cells.
+    """
+    dynamics, found = problem.dynamics, list[FloatArray]()
+    if problem.sensing or not dynamics.formulas:
+        return np.zeros((0, len(axes)))
+    still = dynamics.gain is not None and all(one.op == "const" for one in dynamics.gain.outputs)
+    for pair in combinations(np.flatnonzero(~own).tolist(), 2):
+        own_pair = list(pair)
+        if not (max(dynamics.cuts(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
+            continue
+        some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
+        if still:
+            gain = np.array([one.value for one in dynamics.gain.outputs]).reshape(dynamics.gain.shape)[:, own_pair]
+            columns = np.moveaxis(gain, 1, 2).reshape(-1, 2)
+            some += [np.array([b, -a]) for a, b in columns.tolist() if a and b]
+        else:
+            angles, widths = np.pi / FAN * np.arange(FAN), [float(axes[k].width) for k in pair]
+            some += [np.array([np.cos(a), np.sin(a)]) / widths for a in angles if abs(np.sin(2 * a)) > SAME]
+        for direction in some:
+            normal = np.zeros(len(axes))
+            normal[own_pair] = direction / np.abs(direction).max() * (1.0 if direction[0] > 0 else -1.0)
+            normal = np.abs(normal) if (normal != 0).sum() == 1 else normal
+            if not any(np.abs(normal - one).max() < SAME for one in found):
+                found.append(normal)
+    return np.array(found) if 0 < len(found) <= MOST_NORMALS else np.zeros((0, len(axes)))
+
+
+def along(
+    bounds: Bounds, normals: FloatArray, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
+) -> FloatArray:
+    """Least and greatest n . f under u_j in boxes (M, ndim) and an interval of time: (2, M, K)."""
+    dynamics, grid = bounds.problem.dynamics, bounds.problem.grid
+
+    def bounded(low: FloatArray, high: FloatArray) -> Ends:
+        """They, over boxes within the grid."""
+        if dynamics.gain is None:
+            pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
+            return np.min([one[0] for one in pieces], axis=0), np.max([one[1] for one in pieces], axis=0)
+        (least, most), gain = (dynamics.each[name][j].bounds(low, high, times) for name in ("drift", "gain"))
+        a, b = _component(normals, least, most)
+        for d in range(dynamics.adversaries):
+            push = np.maximum(*np.abs(_component(normals, gain[0][:, :, d], gain[1][:, :, d]))) * v_most[d]
+            a, b = a - push, b + push  # obligation 2.42
+        return a, b
+
+    ends = dynamics.disturbance(j, low, high, times)
+    v_most = ends[1]
+    cuts = zip(ends.T, dynamics.cuts(np.flatnonzero(normals.any(axis=0)).tolist()), strict=True)
+    nodes = [np.linspace(end[0], end[1], cut + 1).tolist() for end, cut in cuts]
+    cut = list(product(*(list(pairwise(one)) for one in nodes)))
+    return within_grid(grid, range(grid.ndim), low, high, bounded)
+
+
+def _component(normals: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest n . x of boxes (M, ndim), rounded outward: both (M, K)."""
+    with np.errstate(invalid="ignore"):
+        ends = np.stack([low[:, None] * normals, high[:, None] * normals])
+    ends = np.where(normals == 0.0, 0.0, ends)
+    more = ROUNDED * np.abs(ends).max(axis=0).sum(axis=2)
+    return ends.min(axis=0).sum(axis=2) - more, ends.max(axis=0).sum(axis=2) + more
+
+
+def leaned(
+    bounds: Bounds,
+    normals: FloatArray,
+    j: int,
+    boxes: FloatArray,
+    tubes: FloatArray,
+    cuts: Sequence[float],
+) -> FloatArray:
+    """How far the states of boxes (2, M, ndim) may get along normals in an interval: (2, M, K).
+
+    tubes (M, parts, ndim, 2): how far the ends of the boxes move in each part, which ends and begins at `cuts`.
+    """
+    out = np.zeros((2, boxes.shape[1], len(normals)))
+    for part in range(tubes.shape[1]):
+        low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)
+        length = np.nextafter(cuts[part + 1] - cuts[part], np.inf)
+        moved = length * along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45
+        out += moved + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(moved) + np.abs(out))
+    return out
+
+
+def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
+    """The most rows that boxes of cells (M, ndim) have on the axes that a normal has a part along, but the last."""
+    oblique: Any = normals.any(axis=0)
+    numbers = high.astype(np.int64)[:, :-1] - low[:, :-1] + 1
+    return int(np.where(oblique[:-1], numbers, 1).prod(axis=1).max())
+
+
+def drawn(
+    axes: Sequence[CellAxis], normals: FloatArray, low: FloatArray, high: FloatArray, far: FloatArray
+) -> FloatArray:
+    """The lines (M, rows, 2) int16 of images in boxes of cells (M, ndim) that get so far along normals, (2, M, K)."""
+    out = np.zeros((len(low), rows_of(normals, low, high), 2), np.int16)
+    width, scale = (np.array([float(getattr(axis, name)) for axis in axes]) for name in ("width", "scale"))
+    boxes = [np.ascontiguousarray(end, dtype=np.int64) for end in (low, high)]
+    draw_lines(*boxes, far[0], far[1], normals, width, STICK * scale, out)
+    return out
+
+
+def room_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
+    """By how many cells tubes (M, parts, ndim, 2) and boxes of cells get beyond a cell, and two more: (2, ndim)."""
+    width = np.array([float(axis.width) for axis in axes])
+    low, high = ends
+    back = np.maximum(-tubes[..., 0].min(axis=(0, 1)) / width, -low.min(axis=0))
+    ahead = np.maximum(tubes[..., 1].max(axis=(0, 1)) / width, high.max(axis=0))
+    bounded = normals.any(axis=0) & ~np.array([axis.periodic for axis in axes])
+    room = np.ceil(np.maximum(np.stack([back, ahead]), 0.0)) + 2  # obligation 2.46
+    return np.where(bounded, np.minimum(room, 2.0**31), 0).astype(np.int64)
+
+
+class Drawing:
+    """The lines of a proof's images, put together place by place."""
+
+    def __init__(self, proof: Any) -> None:
+        self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
+        self.room: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
+        self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
+
+    def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
+        """Draw the lines of places (M,), whose moves are known, by their tubes (M, parts, ndim, 2) under u_j."""
+        proof, normals = self.proof, self.normals
+        if not len(normals):
+            return
+        low, high = (moves[start, j, some].astype(np.int64) for moves in (proof.low, proof.high))
+        laps = np.array([axis.count if axis.periodic else np.inf for axis in proof.axes])
+        whole = (normals.any(axis=0) & (high - low >= laps))[:, :-1].any()  # once around, a row is no row's own
+        if whole or rows_of(normals, low, high) * proof.low[..., 0].size > MOST_LINES:
+            self.normals = normals[:0]
+            return
+        begin, length = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
+        cuts = [begin + length * part / proof.parts for part in range(proof.parts + 1)]
+        far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, cuts)
+        self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
+        self.room = np.maximum(self.room, room_of(proof.axes, normals, tubes, (low, high)))
+
+    @property
+    def lines(self) -> Lines:
+        """Those of all places."""
+        if not len(self.normals):
+            return no_lines(len(self.proof.axes))
+        rows = max(one.shape[1] for one in self.found.values())
+        out = np.zeros((*self.proof.low.shape[:3], rows, 2), np.int16)
+        for (start, j, first), one in self.found.items():
+            out[start, j, first : first + len(one), : one.shape[1]] = one
+        return Lines(*read_only((self.normals, self.room, out)))
+
+
+def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatArray) -> int:
+    """What the lines of images take at most, in memory and while they are drawn."""
+    return 8 * MOST_LINES if len(normals_of(problem, axes, own)) else 0
+
+
+def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lines:
+    """The lines in an open file; ValueError where they do not fit the proof, of which the moves are read."""
+    ndim, own = len(proof.axes), proof.strides > 0
+    normals, room = np.array(stated["normals"], np.float64), np.array(stated["room"], np.int64)
+    fits = normals.ndim == 2 and normals.shape[1] == ndim and 0 < len(normals) <= MOST_NORMALS
+    if not fits or not np.isfinite(normals).all() or normals[:, own].any() or room.shape != (2, ndim):
+        raise ValueError(f"lines must lie between planes along axes that no velocity depends on, got {normals}")
+    rows = rows_of(normals, *(moves.reshape(-1, ndim) for moves in (proof.low, proof.high)))
+    return Lines(*read_only((normals, room, stored(file, "lines", "int16", (*proof.low.shape[:3], rows, 2)))))

@@ -1,0 +1,107 @@
+"""Disturbances of two components in a ball, played as a polygon around it whose sides are components of their own."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any
+
+import numpy as np
+
+from sdhj.formulas.formula import BlackBox
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import arguments, number, whole
+
+MOST_SIDES = 32
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Bounds of a disturbance v of two components: |v| <= radius, in `sdhj.Dynamics(..., bounds=sdhj.Ball(0.1))`.
+
+    What is played is the regular polygon around the ball, which is farther out by 1 / cos(pi / sides) - 1 at its
+    corners: 8 % with 8 sides, 2 % with 16, where the square of bounds=[radius, radius] is by 41 %. It is the sum of a
+    segment along each of its K = sides / 2 directions, so v then has K components w of a box: the velocity is
+    drift + gain sum_k (cos(pi k / K), sin(pi k / K)) w_k with |w_k| <= radius tan(pi / (2 K)). Adversaries choose
+    these, and `Dynamics.gain` and `bounds` are theirs. Methods "hji" and "lax", margins and the filter play the
+    polygon; projections on fewer axes, and whatever plays boxes, the box around it, which is that of the ball where K
+    is even. Where a certified table plays boxes, bounds=[radius, radius] proves more: cells are aligned with it.
+
+    Parameters
+    ----------
+    radius : float, or function of (points (M, ndim), u (m,), t) -> (M,)
+        In the unit of v.
+    sides : int
+        An even number from 4 to 32. Each pair of sides is one more component, for solves and for adversaries.
+
+    Raises
+    ------
+    ValueError
+        If a number does not fit, here or in `Dynamics` the gain does not have two columns or the disturbance does not
+        enter linearly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sdhj
+    >>> speeds = [[0.5, 0.0], [-0.5, 0.0]]
+    >>> dynamics = sdhj.Dynamics(inputs=speeds, drift=speeds, gain=np.eye(2), bounds=sdhj.Ball(0.1))
+    >>> dynamics.gain.shape, dynamics.bounds.round(4).tolist()
+    ((2, 4), [0.0414, 0.0414, 0.0414, 0.0414])
+    """
+
+    radius: Any
+    sides: int = 8
+
+    def __post_init__(self) -> None:
+        if not callable(self.radius):
+            object.__setattr__(self, "radius", number("radius", self.radius, least=0.0))
+        if whole("sides", self.sides, least=4, most=MOST_SIDES) % 2:
+            raise ValueError(f"sides must be an even number, as each has another opposite to it, got {self.sides}")
+
+    @property
+    def directions(self) -> FloatArray:
+        """Of each pair of sides, (2, K)."""
+        angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
+        return np.stack([np.cos(angles), np.sin(angles)])
+
+    def bounds(self) -> Any:
+        """Half-widths of the components along the sides: an array (K,), or a function."""
+        share = np.full(self.sides // 2, np.tan(np.pi / self.sides))
+        if not callable(self.radius):
+            return self.radius * share
+        radius: Callable[..., Any] = self.radius
+        arguments("bounds", radius)  # refuses what is not called like bounds
+        return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
+
+    def gain(self, given: Any) -> Any:
+        """A gain of two columns, as one of the components along the sides."""
+        if isinstance(given, BlackBox):
+            raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
+        if callable(given):
+            return wraps(given)(lambda *found: self._along(given(*found)))
+        found = np.asarray(given, dtype=float)
+        if found.ndim != 2 or found.shape[1] != 2:
+            raise ValueError(f"a Ball needs a gain of shape (ndim, 2), for its two components, got {found.shape}")
+        return found @ self.directions
+
+    def velocity(self, given: Any) -> Any:
+        """A velocity of v, as one of the components along the sides."""
+        takes = arguments("velocity", given)
+        if "v" not in takes:
+            return given
+        place = takes.index("v")
+
+        def of_sides(*found: Any) -> Any:
+            """The velocity, v being the sum of the components."""
+            w, (x, y) = found[place], self.directions.tolist()
+            v = np.stack([sum(w[k] * one for k, one in enumerate(axis)) for axis in (x, y)])
+            return given(*found[:place], v, *found[place + 1 :])
+
+        return wraps(given)(of_sides)
+
+    def _along(self, gain: Any) -> Any:
+        """What gain (..., ndim, 2) becomes along the sides."""
+        if gain.shape[-1] != 2:
+            raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
+        pairs = self.directions.T.tolist()
+        return np.stack([gain[..., 0] * x + gain[..., 1] * y for x, y in pairs], axis=-1)

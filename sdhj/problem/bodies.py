@@ -1,0 +1,312 @@
+"""Rigid bodies in the plane: the signed distance between a robot's parts and what it must not touch, as formulas.
+
+Let A and B be convex, and a body's edges have outward normals n and offsets h, so that n . q <= h within. B is apart
+from A if some edge of one has all corners of the other beyond it (the separating axis theorem), so the number
+
+    s = max over the edges of both, min over the corners q of the other one, of n . q - h
+
+is above 0 if and only if they do not meet. Where they do, -s is how far one has to be moved until they only touch.
+Where they do not, their distance is the least one of a corner of one to an edge of the other. A segment has edges to
+both sides and beyond both ends; a point has none. Other polygons are unions of convex ones, and their distance is the
+least one of the parts; a radius is subtracted.
+
+A corner c that turns by the angle a is along n by |n| |c| cos(a + phase), one cosine rather than two products, so that
+the bounds over an interval of headings are tight.
+
+A map is known by the signed distance at points (`sdhj.problem.maps`). There a footprint is covered by disks, each as
+deep in it as its radius less a tolerance: what they reach beyond it is at most that.
+"""
+
+import math
+import reprlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import finite_array, number
+from sdhj.problem.polygons import ROUNDING, around, convex_parts, outline, polygon_level_set
+
+Pose = Callable[[Any, Any], Sequence[Any]]  # (points, t) -> x, y and heading, each (M,) or a number
+TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])  # rows times it are a quarter turn to the left
+UNIT = np.eye(2)
+QUARTERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+FINE = 0.25  # of how deep a square lies, or of the tolerance: half the side of squares that disks are made of
+MOST_SQUARES = 8_000
+
+
+class Part(NamedTuple):
+    """A convex body, or all that is beyond a line: no corners, and one edge."""
+
+    corners: FloatArray  # (K, 2)
+    normals: FloatArray  # (E, 2), of the edges, outward
+    ends: FloatArray  # (E, 2): from where to where an edge goes, along itself
+    offsets: FloatArray  # (E,)
+
+
+def part(corners: FloatArray, larger: float = 0.0) -> Part:
+    """The convex body with these corners, counter-clockwise, or one or two; its edges are so much farther out."""
+    if len(corners) == 1:
+        return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    begin, end = corners, np.roll(corners, -1, axis=0)
+    along = (end - begin) / np.hypot(*(end - begin).T)[:, None]
+    if len(corners) == 2:  # beyond its ends are edges of no length
+        begin, end, along = *np.concatenate([[begin, end], [end, end]], axis=1), np.concatenate([along, along @ TURN])
+    normals = along @ -TURN
+    offsets = (normals * end).sum(axis=1) + larger
+    return Part(corners, normals + 0.0, np.stack([(along * one).sum(axis=1) for one in (begin, end)], axis=1), offsets)
+
+
+def beyond(normal: Any, offset: float) -> Part:
+    """All points q with normal . q >= offset."""
+    return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body in the plane: a robot's footprint, a link of an arm, or an obstacle.
+
+    Parameters
+    ----------
+    vertices : array (K, 2)
+        In the body's own frame, in m: the corners of a simple polygon in order, the ends of a segment, or one point.
+    radius : float
+        By which it is enlarged, m: a point becomes a disk, a segment a capsule, and a polygon has a margin.
+    pose : callable (points (M, axes), t) -> (x, y, heading), optional
+        Where the body's frame is, each (M,) or a number, in m and rad. By default a footprint moves with the three
+        axes of its set.
+
+    Raises
+    ------
+    ValueError
+        If the vertices are none, or their edges cross.
+    ImportError
+        If the vertices are of a polygon and Shapely is not installed.
+
+    Examples
+    --------
+    The links of an arm, 0.3 m long and 0.04 m wide, by its joint angles:
+
+    >>> import numpy as np
+    >>> import sdhj
+    >>> upper = sdhj.Body([[0, 0], [0.3, 0]], radius=0.02, pose=lambda q, t: (0.0, 0.0, q[:, 0]))
+    >>> lower = sdhj.Body(
+    ...     [[0, 0], [0.3, 0]],
+    ...     radius=0.02,
+    ...     pose=lambda q, t: (0.3 * np.cos(q[:, 0]), 0.3 * np.sin(q[:, 0]), q[:, 0] + q[:, 1]),
+    ... )
+    >>> post = sdhj.UnsafeSet.disk([0.3, 0.5], radius=0.05, footprint=[upper, lower])
+    >>> post.level_set(np.array([[0.0, 0.0], [0.0, np.pi / 2]]), 0.0)
+    array([0.43, 0.13])
+    """
+
+    vertices: FloatArray
+    radius: float = 0.0
+    pose: Pose | None = None
+
+    def __post_init__(self) -> None:
+        vertices = finite_array("vertices of a body", self.vertices)
+        if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
+            raise ValueError(f"vertices of a body must have shape (K, 2), one of them at least, got {vertices.shape}")
+        if len(vertices) == 2 and (vertices[0] == vertices[1]).all():
+            vertices = vertices[:1]
+        vertices.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "radius", number("radius of a body", self.radius, least=0.0))
+        if self.pose is not None and not callable(self.pose):
+            raise ValueError("the pose of a body must be a function of (points, t) that returns x, y and heading")
+        _ = self.parts
+
+    @cached_property
+    def parts(self) -> list[Part]:
+        """The convex parts that it consists of."""
+        return [part(self.vertices)] if len(self.vertices) < 3 else parts_of(outline(self.vertices))
+
+    @cached_property
+    def outside(self) -> list[Part]:
+        """The convex parts of all that is outside the polygon: those within the box around it, and beyond its sides."""
+        shape = outline(self.vertices)
+        left, low, right, high = shape.bounds
+        sides = [beyond(UNIT[0], right), beyond(-UNIT[0], -left), beyond(UNIT[1], high), beyond(-UNIT[1], -low)]
+        return [*sides, *parts_of(around(shape))]
+
+    def placed(self, points: Any, t: Any) -> Sequence[Any]:
+        """Its pose: x, y, heading; ValueError where the function returns none."""
+        if self.pose is None:
+            return points[:, 0], points[:, 1], points[:, 2]
+        pose = self.pose(points, t)
+        if not isinstance(pose, tuple | list) or len(pose) != 3:
+            raise ValueError(
+                "the pose of a body must return x, y and heading, as lambda q, t: (q[:, 0], q[:, 1], 0.0) does, got "
+                f"{reprlib.repr(pose)}"
+            )
+        return pose
+
+
+def parts_of(shape: Any) -> list[Part]:
+    """The convex parts of polygons of Shapely."""
+    whole = convex_parts(shape)
+    size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
+    return [part(corners, ROUNDING * size if len(whole) > 1 else 0.0) for corners in whole]
+
+
+def along(a: FloatArray, b: FloatArray, heading: Any) -> Any:
+    """a . R b, for R that turns by the heading: |a| |b| cos(heading + phase)."""
+    cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
+    if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
+        return -along(-a, b, heading)
+    size = math.hypot(cosine, sine)
+    return size * np.cos(heading + math.atan2(sine, cosine)) if size else 0.0
+
+
+def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
+    """Signed distance (M,) between a part at a pose and another that stands still, as the module says."""
+    beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
+    for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
+        (beyond_it, along_it) = (
+            [n[0] * x + n[1] * y + along(n, corner, heading) for corner in a.corners] for n in (normal, normal @ TURN)
+        )
+        beside.append(([one - offset for one in beyond_it], along_it, ends))
+    for normal, ends, offset in zip(a.normals, a.ends, a.offsets, strict=True) if len(b.corners) else ():
+        (beyond_it, along_it) = (
+            [(p - x) * along(UNIT[0], n, heading) + (q - y) * along(UNIT[1], n, heading) for p, q in b.corners]
+            for n in (normal, normal @ TURN)
+        )
+        beside.append(([one - offset for one in beyond_it], along_it, ends))
+    if not beside:  # two points
+        (p, q), corner = b.corners[0], a.corners[0]
+        return np.hypot(x + along(UNIT[0], corner, heading) - p, y + along(UNIT[1], corner, heading) - q)
+    apart = reduce(np.maximum, [reduce(np.minimum, beyond_it) for beyond_it, *_ in beside])
+    if not len(b.corners):
+        return apart
+    squares = [
+        np.square(high) + np.square(np.maximum(np.maximum(far - ends[1], ends[0] - far), 0.0))
+        for beyond_it, along_it, ends in beside
+        for high, far in zip(beyond_it, along_it, strict=True)
+    ]
+    distance = np.sqrt(reduce(np.minimum, squares))
+    return np.where(apart > 0.0, np.maximum(apart, distance), apart)
+
+
+def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
+    """A pose in the frame of another one."""
+    (x, y, heading), (a, b, turned) = pose, other
+    still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
+    cosine, sine = (math.cos(turned), math.sin(turned)) if still else (np.cos(turned), np.sin(turned))
+    return cosine * (x - a) + sine * (y - b), cosine * (y - b) - sine * (x - a), heading - turned
+
+
+POINT = Body(np.zeros((1, 2)), pose=lambda points, t: (points[:, 0], points[:, 1], 0.0))
+Footprint = Any  # vertices, a Body, or several
+
+
+def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
+    """The bodies of a robot, each with its pose; ValueError where a footprint is none, or its axes are no pose."""
+    if given is None:
+        return [POINT]
+    bodies = [given] if isinstance(given, Body) else list(given)
+    if not bodies or not all(isinstance(one, Body) for one in bodies):
+        bodies = [Body(given)]
+    if any(one.pose is None for one in bodies) and len(axes) != 3:
+        raise ValueError(
+            f"a footprint moves with x, y and heading, so it needs three axes, as axes=(0, 1, 2), got {tuple(axes)}; "
+            "of other axes sdhj.Body(vertices, pose=lambda q, t: (q[:, 0], q[:, 1], 0.0)) says how it moves"
+        )
+    return bodies
+
+
+def body_level_set(
+    robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
+) -> Callable[[FloatArray, float], FloatArray]:
+    """The signed distance between a robot and the parts of an obstacle with its pose, less the radius of both."""
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """The least signed distance of a part of the robot to one of the obstacle, less the radius of both."""
+        place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
+        for body in robot:
+            at = body.placed(points, t)
+            at = at if place is None else relative(at, place)
+            each = [clearance(one, other, *at) for one, other in product(body.parts, parts)]
+            found.append(reduce(np.minimum, each) - (body.radius + obstacle.radius))
+        return reduce(np.minimum, found)
+
+    return level_set
+
+
+def cover(body: Body, tolerance: float) -> FloatArray:
+    """Disks (K, 3), x, y and radius, that cover a polygon, a segment or a point and reach at most so far beyond it, m.
+
+    The body is cut into squares, halved until one is small beside how deep it lies, or beside the tolerance. A disk may
+    be about the middle of any of them, as large as it is deep, and a tolerance more; of these, one after the other, the
+    one is taken that covers the most squares that are left. A square counts as covered where its corners are.
+    """
+    if len(body.vertices) == 1:
+        return np.array([[*body.vertices[0], 0.0]])
+    (left, low), (right, high) = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    side, middles, sides = max(right - left, high - low), list[FloatArray](), list[FloatArray]()
+    centres = np.array([[left + right, low + high]]) / 2
+    while len(centres):
+        depth, half = depths(body, centres), side / 2
+        near = depth > -half * math.sqrt(2.0)  # others have nothing of the body
+        done = near & (half <= np.maximum(depth, tolerance) * FINE)
+        middles.append(centres[done])
+        sides.append(np.full(int(done.sum()), half))
+        if (count := sum(map(len, middles)) + 4 * int((near & ~done).sum())) > MOST_SQUARES:
+            raise ValueError(
+                f"to cover a footprint of {right - left:g} m by {high - low:g} m to {tolerance:g} m takes more than "
+                f"{count:,} squares; allow a greater tolerance"
+            )
+        centres = (centres[near & ~done, None] + QUARTERS * half / 2).reshape(-1, 2)
+        side = half
+    squares, halves = np.concatenate(middles), np.concatenate(sides)
+    radii = depths(body, squares) + tolerance
+    return chosen(squares, halves, radii)
+
+
+def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
+    """Disks (K, 3) about the middles (M, 2) of some squares, with their radii, that cover all squares."""
+    corners = squares[:, None] + QUARTERS * halves[:, None, None]
+    room = np.flatnonzero(radii > halves * math.sqrt(2.0))
+    covers = np.ones((len(room), len(squares)), np.bool_)
+    for k in range(len(QUARTERS)):
+        gap = np.hypot(*(squares[room, None] - corners[None, :, k]).transpose(2, 0, 1))
+        covers &= gap <= radii[room, None]
+    counts, found = covers.sum(axis=1), list[int]()
+    while counts.any():
+        best = int(np.argmax(counts))
+        found.append(int(room[best]))
+        new = np.flatnonzero(covers[best])
+        counts -= covers[:, new].sum(axis=1)
+        covers[:, new] = False
+    return np.column_stack([squares[found], radii[found]])
+
+
+def depths(body: Body, points: FloatArray) -> FloatArray:
+    """How deep points (M, 2) lie in a body, negative outside: of a segment, less its distance."""
+    if len(body.vertices) < 3:
+        x, y = points.T
+        return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
+    return np.asarray(-polygon_level_set(body.vertices, 0.0)(points, 0.0))
+
+
+def map_body_level_set(
+    robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
+) -> Callable[[FloatArray, float], FloatArray]:
+    """What a map's signed distance, in its own frame, leaves of disks that cover a robot, least of all."""
+    disks = [(body, cover(body, tolerance)) for body in robot]
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """The least clearance of a disk, less the radius of its body."""
+        found = list[Any]()
+        for body, some in disks:
+            x, y, heading = relative(body.placed(points, t), origin)
+            for a, b, size in some:
+                place = [along(one, np.array([a, b]), heading) for one in UNIT]
+                found.append(distance(x + place[0], y + place[1]) - (size + body.radius))
+        return reduce(np.minimum, found)
+
+    return level_set

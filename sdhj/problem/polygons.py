@@ -1,0 +1,102 @@
+"""Simple polygons: checked, cut into convex parts, and as level-set functions of points, for `UnsafeSet.polygon`.
+
+The distance is the least one to an edge, and a point is inside where it is to the left of all edges of a convex part.
+Of a box that meets several parts bounds do not say that it is inside.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sdhj.kernels import FloatArray
+from sdhj.problem.checks import finite_array, number
+
+MISSING = "install it with pip install 'sdhj[maps]'"
+ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts could be in neither
+
+
+def outline(vertices: Any) -> Any:
+    """A simple polygon of Shapely with vertices (K, 2), counter-clockwise; ValueError where they are of none."""
+    try:
+        import shapely
+    except ImportError as error:
+        raise ImportError(f"checking a polygon needs Shapely; {MISSING}") from error
+    corners = finite_array("vertices", vertices)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        raise ValueError(f"vertices must have shape (K, 2), at least three of them, got {corners.shape}")
+    shape = shapely.Polygon(corners)
+    if not shape.is_valid or shape.area == 0.0:
+        raise ValueError(f"vertices must go around a polygon whose edges do not meet: {shapely.is_valid_reason(shape)}")
+    return shapely.orient_polygons(shapely.Polygon(corners[(corners != np.roll(corners, -1, axis=0)).any(axis=1)]))
+
+
+def triangles(shape: Any) -> list[FloatArray]:
+    """Corners (K, 2) of a polygon, if it is convex, or of triangles that it consists of, counter-clockwise."""
+    import shapely
+
+    convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
+    return [corners_of(one) for one in convex]
+
+
+def corners_of(shape: Any) -> FloatArray:
+    """The corners (K, 2) of a polygon of Shapely, counter-clockwise."""
+    import shapely
+
+    return np.array(shapely.orient_polygons(shape).exterior.coords[:-1])
+
+
+def convex_parts(shape: Any) -> list[FloatArray]:
+    """Corners (K, 2) of few convex polygons that polygons consist of: triangles, two joined while that is convex."""
+    import shapely
+
+    shapes = [one for one in shapely.get_parts(shape) if one.area]
+    left, done = [shapely.Polygon(one) for each in shapes for one in triangles(each)], list[Any]()
+    while left:
+        one = left.pop()
+        for k, other in enumerate(left):
+            hull = shapely.union(one, other).convex_hull
+            if hull.area <= (one.area + other.area) * (1.0 + ROUNDING):
+                left[k] = hull
+                break
+        else:
+            done.append(one)
+    return [corners_of(one) for one in done]
+
+
+def around(shape: Any) -> Any:
+    """What the box around a polygon has besides it, of Shapely."""
+    import shapely
+
+    return shapely.difference(shapely.box(*shape.bounds), shape)
+
+
+def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArray, float], FloatArray]:
+    """The signed distance to a polygon, less a robot's radius: see `UnsafeSet.polygon`."""
+    shape = outline(vertices)
+    corners, parts, radius = corners_of(shape), triangles(shape), number("radius", radius, least=0.0)
+    rounding = ROUNDING * np.ptp(corners, axis=0).max()
+
+    def level_set(points: FloatArray, t: float) -> FloatArray:
+        """Signed distance to the polygon at points (M, 2), less the radius."""
+        along, right, lengths = _beside(points, corners)
+        past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
+        distance = np.hypot(past, right).min(axis=1)
+        outside = np.min([_outside(points, part) for part in parts], axis=0)
+        return np.where(outside <= rounding, -distance, distance) - radius
+
+    return level_set
+
+
+def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How far points (M, 2) are along each edge and to its right, both (M, K), and the edges' lengths (K,)."""
+    edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
+    lengths = np.hypot(*edges.T)
+    x, y = (edges / lengths[:, None]).T
+    return out[..., 0] * x + out[..., 1] * y, out[..., 0] * y - out[..., 1] * x, lengths
+
+
+def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """A number (M,) that is <= 0 in a convex polygon only; the box around it tells intervals so at acute corners."""
+    beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
+    return np.maximum(_beside(points, corners)[1].max(axis=1), beyond.max(axis=1))

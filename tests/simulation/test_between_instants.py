@@ -1,0 +1,66 @@
+"""Collisions between the twenty instants of an interval, with something that is faster than the robot."""
+
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj.simulation.adversaries import SUBSTEPS, first_moment
+from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, play_interval
+
+
+def room(speed=20.0, radius=0.15, *, periodic=False):
+    """A robot of 1 m/s, and a ball of so many m/s along the first axis, at x = -1.5 when t = 0."""
+
+    def ball(p, t):
+        x = p[:, 0] + 1.5 - speed * t
+        x = (x + 2.0) % 4.0 - 2.0 if periodic else x
+        return np.hypot(x, p[:, 1]) - radius
+
+    steps = [[0.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-2.0, -2.0], [2.0, 2.0], [21, 21], periodic=[periodic, False]),
+        sdhj.Dynamics(steps, steps, np.eye(2), [0.05, 0.05]),
+        sdhj.TargetSet((0, 1), lambda p, t: 1.5 - p[:, 1]),
+        [sdhj.UnsafeSet((0, 1), ball)],
+        0.25,
+        2,
+    )
+
+
+def outcomes(problem, starts, inputs):
+    table = sdhj.solve(sdhj.ReachAvoidProblem(problem.grid, problem.dynamics, problem.target, (), 0.25, 2), play=False)
+    count = len(starts)
+    given = starts, inputs, np.ones(count, np.int64), 0, 0.0, np.arange(count), np.random.default_rng(0)
+    begun = first_moment(table, problem, *given)
+    return play_interval(begun, lambda m: np.zeros_like(m.previous), None)[1]
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_who_is_passed_by_is_seen_by_a_closed_form(periodic, rng):
+    """The ball leads 5 m in an interval, past all that begins at rest near its line: hit where |y| is at most r."""
+    starts = np.column_stack([rng.uniform(-1.0, 1.9, 400), rng.uniform(-0.3, 0.3, 400)])
+    found = outcomes(room(periodic=periodic), starts, np.zeros(400, np.int64))
+    hit, sure = np.abs(starts[:, 1]) <= 0.15, np.abs(np.abs(starts[:, 1]) - 0.15) > 1e-3
+    assert np.array_equal((found == COLLIDED)[sure], hit[sure]) and hit.sum() > 100
+    # the instants alone miss most of these
+    at = np.linspace(0.0, 0.25, SUBSTEPS + 1)
+    near = np.hypot(starts[:, :1] + 1.5 - 20.0 * at, starts[:, 1:]).min(axis=1) <= 0.15
+    assert periodic or near.sum() < 0.95 * hit.sum()
+
+
+def test_what_moves_too_is_judged_where_it_is(rng):
+    """Against 4,000 instants, of robots that move across."""
+    starts = np.column_stack([rng.uniform(-1.0, 1.9, 300), rng.uniform(-0.5, 0.3, 300)])
+    found = outcomes(room(radius=0.1), starts, np.ones(300, np.int64))
+    at = np.linspace(0.0, 0.25, 4001)
+    distance = np.hypot(starts[:, :1] + 1.5 - 20.0 * at, starts[:, 1:] + at).min(axis=1)
+    sure = np.abs(distance - 0.1) > 1e-3
+    assert np.array_equal((found == COLLIDED)[sure], (distance <= 0.1)[sure]) and (found == UNDECIDED).any()
+
+
+@pytest.mark.parametrize(("box", "seen"), [({"slope": 1.0, "rate": 20.0}, True), ({"slope": 1.0}, False)])
+def test_a_black_box_that_declares_enough_is_judged_too(box, seen):
+    starts = np.array([[-1.375, 0.0]])  # between two instants of a small ball
+    problem = room(radius=0.05)
+    object.__setattr__(problem.unsafe[0], "level_set", sdhj.BlackBox(problem.unsafe[0].level_set, **box))
+    assert (outcomes(problem, starts, np.zeros(1, np.int64))[0] == COLLIDED) == seen

@@ -1,0 +1,124 @@
+"""Disturbances in a ball: the polygon around it, by its support function, and the same table as by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sdhj
+from sdhj.problem.ball import MOST_SIDES
+
+SPEEDS = 0.5 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+
+
+PLANE = np.eye(2)
+
+
+def room(gain=PLANE, bounds=None, **given):
+    dynamics = given.pop("dynamics", None) or sdhj.Dynamics(SPEEDS, SPEEDS, gain, bounds)
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.5, -1.5], [1.5, 1.5], [31, 31]),
+        dynamics,
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.8, p[:, 1]) - 0.35),
+        [sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 0.1) - 0.3)],
+        0.3,
+        4,
+        **given,
+    )
+
+
+def octagon(r, sides=8):
+    """The recipe of old: components along each pair of sides, half as long as the side."""
+    pairs = sides // 2
+    angles = np.pi / pairs * np.arange(pairs)
+    return {
+        "gain": np.stack([np.cos(angles), np.sin(angles)]),
+        "bounds": np.full(pairs, r * np.tan(np.pi / (2 * pairs))),
+    }
+
+
+@pytest.mark.parametrize("sides", [4, 6, 8, 16, MOST_SIDES])
+def test_what_is_played_is_outside_the_ball_and_no_farther_than_its_corners(sides, rng):
+    """Its support function: at least r in every direction, r across sides, at most r / cos(pi / sides)."""
+    dynamics = sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(2), sdhj.Ball(0.3, sides))
+    angles = np.concatenate([rng.uniform(0.0, 2 * np.pi, 1000), np.pi / 2 + 2 * np.pi / sides * np.arange(sides)])
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    support = np.abs(ways @ dynamics.gain) @ dynamics.bounds
+    assert support.min() >= 0.3 * (1 - 1e-12) and support.max() <= 0.3 / np.cos(np.pi / sides) * (1 + 1e-12)
+    assert np.allclose(support[1000:], 0.3, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["hji", "lax", sdhj.Certified(cells=(60, 60))])
+def test_a_table_is_that_of_components_along_the_sides(method):
+    one, other = (sdhj.solve(room(**given), method, play=False) for given in ({"bounds": sdhj.Ball(0.2)}, octagon(0.2)))
+    assert one.problem.digest == other.problem.digest and np.array_equal(one.values(), other.values())
+    if not one.proved:  # of a certified table boxes are an image's, wider by a rounding than the square's
+        assert one.fraction() > sdhj.solve(room(bounds=[0.2, 0.2]), method, play=False).fraction()
+
+
+def test_the_sides_are_the_adversary_s_and_files_have_them(tmp_path):
+    table = sdhj.solve(room(bounds=sdhj.Ball(0.2)), play=False)
+    table.save(tmp_path / "table.h5")
+    assert sdhj.load(tmp_path / "table.h5", problem=room(bounds=sdhj.Ball(0.2))).problem.dynamics.adversaries == 4
+    run = sdhj.simulate(sdhj.Controller(table), [0.5, 0.1], seed=1)
+    assert run.disturbances.shape[1] == 4
+
+
+FORMS = {
+    "a radius that depends on the state": dict(
+        drift=SPEEDS, gain=np.eye(2), bounds=sdhj.Ball(lambda q: 0.1 + 0.05 * q[:, 0] ** 2)
+    ),
+    "and on input and time": dict(
+        drift=SPEEDS, gain=np.eye(2), bounds=sdhj.Ball(lambda q, u, t: 0.1 + 0.1 * u[0] ** 2 + 0.05 * q[:, 0] ** 2 + t)
+    ),
+    "a gain that does": dict(
+        drift=SPEEDS,
+        gain=lambda q: np.stack(
+            [np.stack([1 + 0.1 * q[:, 0], 0 * q[:, 0]], 1), np.stack([0 * q[:, 0], 1 + 0 * q[:, 0]], 1)], 1
+        ),
+        bounds=sdhj.Ball(0.2),
+    ),
+    "a velocity": dict(velocity=lambda q, u, v: u + v, bounds=sdhj.Ball(0.2)),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_velocities_of_the_adversary_s_corners_are_in_the_polygon(name, rng):
+    problem = room(dynamics=sdhj.Dynamics(SPEEDS, **FORMS[name]))
+    field = problem.dynamics
+    for q in rng.uniform(-1.4, 1.4, (5, 2)):
+        r = 0.2 if "does" in name or "velocity" in name else 0.1 + 0.05 * q[0] ** 2 + (0.35 if "input" in name else 0.0)
+        t = 0.325 if "input" in name else 0.0  # .1 u^2 is .025 under input 1
+        at, own = q[None], field.gain_at(q[None], 1, t)[0] * field.bounds_at(1, t)
+        pushes = own @ np.sign(rng.normal(size=(4, 50)))
+        stretch = np.array([1 + 0.1 * q[0] if "gain" in name else 1.0, 1.0])
+        far = np.linalg.norm(pushes / stretch[:, None], axis=0)
+        assert at.shape == (1, 2) and far.max() <= r / np.cos(np.pi / 8) * (1 + 1e-9)
+        across = np.abs(own[0]).sum() / stretch[0]
+        assert np.isclose(across, r)  # the box around the octagon is that of the ball
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda: sdhj.Ball(-0.1), "radius"),
+        (lambda: sdhj.Ball(0.1, 7), "even number"),
+        (lambda: sdhj.Ball(0.1, 2), "sides"),
+        (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(3), sdhj.Ball(0.1)), r"gain of shape \(ndim, 2\)"),
+        (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, None, sdhj.Ball(0.1)), "belong together"),
+        (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, sdhj.BlackBox(lambda q: q, slope=0.0), sdhj.Ball(0.1)), "formula"),
+        (
+            lambda: room(dynamics=sdhj.Dynamics(SPEEDS, velocity=lambda q, u, v: u + v**2, bounds=sdhj.Ball(0.1))),
+            "enters the velocity linearly",
+        ),
+        (lambda: room(gain=lambda q: np.ones((len(q), 2, 3)), bounds=sdhj.Ball(0.1)), "two columns"),
+    ],
+)
+def test_what_does_not_fit_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        given()
+
+
+def test_dynamics_can_be_replaced():
+    dynamics = sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(2), sdhj.Ball(0.2))
+    assert replace(dynamics, inputs=SPEEDS[:3], drift=SPEEDS[:3]).bounds.size == 4
