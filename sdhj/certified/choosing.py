@@ -35,7 +35,6 @@ from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
-from sdhj.certified.word_tubes import in_words, pieces_of
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
@@ -65,9 +64,6 @@ CORES = 1.6  # that two are worth
 AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
-# where cells are looked at in words, for a cell and an input in `prepare`; in the recursion for a word, for a word and
-# an input, and for a cell
-MARKED, WORD, WORD_LED, COPIED = 1.5e-9, 4e-8, 2e-8, 1e-9
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
@@ -304,16 +300,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         """Of how many cells an input's tubes are looked at, for what depends on some axes."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in axes_of)
 
-    past = np.stack(problem.grid.faces("frees"))
-    steered = ~np.isclose(np.ptp(speeds.extremes, axis=0), speeds.widths)
     for unsafe_set in problem.unsafe:
-        if in_words(ndim, own, past, unsafe_set.axes):
-            some, share = [axes[k] for k in unsafe_set.axes], parts * times if unsafe_set.moving else 1
-            fine = pieces_of(some, ~steered[list(unsafe_set.axes)], share)
-            boxes = share * math.prod(axis.count for axis in some) * math.prod(fine.tolist())
-            first += BOXED * boxes * _operations(unsafe_set.level_set)
-            first += MARKED * cells * count * (times if unsafe_set.moving else starts)
-            continue
         free = [axes[k].count for k in unsafe_set.axes if not own[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
@@ -323,9 +310,6 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    if in_words(ndim, own, past, range(ndim)):
-        words = entries * cells / counts[-1] * -(-counts[-1] // 64)
-        return first, words * (WORD + WORD_LED * count) + entries * cells * COPIED
     image = float(image) if own[-1] else 0.0  # else words are asked for
     return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])
 
