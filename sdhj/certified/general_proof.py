@@ -7,7 +7,7 @@ is clear of the set where it overlaps none of them.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
-from sdhj.certified.oblique import Drawing, lines_in_file, most_bytes
+from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
 from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
@@ -122,10 +122,18 @@ class GeneralProof(Images):
     ----------
     clear : (starts, cells, bytes) uint8
         Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell; starts is 1 where nothing depends on time.
+    drawn : list
+        The lines of its images; empty until `prepare` or `load` has put them there.
     """
 
     clear: FloatArray
+    drawn: list[Lines] = field(default_factory=list)
     kind = "enclosed"
+
+    @property
+    def lines(self) -> Lines:
+        """The lines of its images."""
+        return self.drawn[0] if self.drawn else super().lines
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
@@ -195,7 +203,7 @@ class GeneralProof(Images):
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         proof = cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
         if "normals" in stated:
-            proof.__dict__["lines"] = lines_in_file(stated, file, proof)
+            proof.drawn.append(lines_in_file(stated, file, proof))
         return proof
 
     # ---- the recursion; sets are (rows, W) uint64
@@ -231,7 +239,7 @@ class GeneralProof(Images):
 
         lattices = self._lattices(progress)
         self.fill(min(max(finest, 1), FINEST), progress, use)
-        self.__dict__["lines"] = drawing.lines
+        self.drawn.append(drawing.lines)
         for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
             self._mark_in_words(unsafe_set, tubes[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear))

@@ -250,9 +250,9 @@ class Images(Proof):
         """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
         return np.stack(self.problem.grid.faces("frees"))
 
-    @cached_property
+    @property
     def lines(self) -> Lines:
-        """The lines of oblique images; there are none where no proof puts them here."""
+        """The lines of oblique images; there are none where no proof draws them."""
         return no_lines(len(self.axes))
 
     def moves(self, step: int) -> Moves:
