@@ -157,6 +157,14 @@ class Certified(Options):
     ValueError
         If an option is invalid; from `sets` also if it does not fit the problem, or a bound is missing.
 
+    Notes
+    -----
+    The image of a cell is a box of cells. Where a component of the disturbance moves several axes that no velocity
+    depends on, it is cut by planes normal to what these components do, one line of cells after the other
+    (`sdhj.certified.oblique`); of nonlinear v it is the hull over the pieces of its bounds. The box stays with
+    `Sensing`, with black boxes, near bounded ends, and in the proof of the arm's case study, which keeps the square of
+    its pursuer's velocities.
+
     Examples
     --------
     The more cells, the larger the share of the states that is proved:
