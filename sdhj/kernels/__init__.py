@@ -75,6 +75,7 @@ class kept(cached_property[T]):
 
     def __init__(self, function: Callable[[Any], T]) -> None:
         """The property of a method, whose value is made read-only once it is found."""
+
         def found(self: Any) -> Any:
             """The value, made read-only."""
             return unwritable(read_only(function(self)))
