@@ -55,6 +55,13 @@ def turned():
     return unicycle_problem()
 
 
+def in_the_plane(bounds):
+    """A robot in the plane, of whose disturbance the square moves it."""
+    moved = sdhj.Dynamics([[0.5, 0.0], [-0.5, 0.0]], velocity=lambda q, u, v: u + v**2, bounds=bounds)
+    grid, goal = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21]), sdhj.TargetSet((0, 1), lambda p, t: p[:, 0] - 0.5)
+    return sdhj.ReachAvoidProblem(grid, moved, goal, [], 0.2, 2)
+
+
 def square(p, t):
     return np.abs(p[:, 0]) - 1.0
 
@@ -131,6 +138,11 @@ CASES = {
         r"the answer depends on time: give the step, for example select\(q, step=0\)",
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
+    ),
+    "a ball of a disturbance that is squared": (
+        r"enters the velocity linearly; give bounds=\[radius, radius\]",
+        lambda to: in_the_plane(sdhj.Ball(0.1)),
+        lambda to: in_the_plane([0.1, 0.1]),
     ),
     "a rule that answers NaN": (
         "met a NaN, .*; look at the functions it calls",
@@ -744,6 +756,8 @@ ELSEWHERE = {
     "it is compressed; save it as PNG": "test_maps, which reads PNG",
     "choose another number of cells": "a period that is known to fewer digits than cells are narrow",
     "use fewer cells, or export less": "4 GB of words",
+    "allow a greater tolerance": "test_bodies: a map whose disks are too many",
+    "use a table of sdhj.solve or sdhj.load": "of a table that was made by hand, which nobody but a test does",
     r"write to a copy, (dict|list|X)\((it|mapping)\)": "test_read_only",
 }
 VERBS = (

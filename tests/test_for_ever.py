@@ -361,8 +361,10 @@ def test_a_reckless_commander_drives_at_what_is_unsafe() -> None:
     problem = joint((21, 21)).problem
     told = reckless(problem, np.array([[0.5, 0.0], [-0.5, 0.0], [0.9, -1.5], [0.0, 1.0]]), 0)
     assert told.tolist() == [4, 0, 4, 4]
-    np.testing.assert_allclose(level_of_unsafe(problem, np.array([[0.75, 0.0], [-1.5, 0.0]]), 0.0), [0.25, -0.5])
-    assert level_of_unsafe(drone((61, 41)).problem, np.array([[2000.0, 0.0]]), 0.0) == np.inf
+    np.testing.assert_allclose(
+        level_of_unsafe(problem, np.array([[0.75, 0.0], [-1.5, 0.0]]), 0.0, np.array([0, 4])), [0.25, -0.5]
+    )
+    assert level_of_unsafe(drone((61, 41)).problem, np.array([[2000.0, 0.0]]), 0.0, np.array([0])) == np.inf
 
 
 def test_the_solve_says_what_it_saw(runner: Any, stopped: Any, monkeypatch: pytest.MonkeyPatch) -> None:

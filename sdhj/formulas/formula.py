@@ -47,7 +47,7 @@ class Formula(Remembering):
     parameters: int = 1  # ... and further ones, of which the first is the time
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # for messages
-    source: Callable[..., Any] | None = field(default=None, repr=False)  # what it was read from
+    source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # until a problem has compared the two
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -68,7 +68,7 @@ class Formula(Remembering):
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
-        return cls(sure_of_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, function)
+        return cls(sure_of_zeros(name, outputs, coordinates, len(names)), coordinates, len(names), (), name, [function])
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":

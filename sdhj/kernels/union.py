@@ -20,7 +20,7 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """Values to be avoided: (L, r, B or 1) for each input rows as those of the grid, or with one value for all their nodes.
+    """Values to be avoided: (L, r, B or 1) for each input rows as those of the grid, or one value for all nodes of one.
 
     Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
     """

@@ -1,9 +1,6 @@
 """Whether the parts of a problem fit one another: formulas their functions, sets the nodes, sensing all the rest."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -45,16 +42,10 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
-        if isinstance(formula, Formula) and formula.source is not None:
-            formula.remembered("compared", partial(compare_at, formula, formula.source, states, each))
-
-
-def compare_at(
-    formula: Formula, function: Callable[..., Any], states: FloatArray, each: Sequence[tuple[float, ...]]
-) -> None:
-    """Compare a formula with a function at states, with each of some times or intervals."""
-    for when in each:
-        compare(formula, function, states, *when)
+        if isinstance(formula, Formula) and formula.source:
+            for when in each:
+                compare(formula, formula.source[0], states, *when)
+            formula.source.clear()  # it may hold a map
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:

@@ -215,7 +215,7 @@ class UnsafeSet:
         >>> room = [[0, 0], [4, 0], [4, 3], [0, 3]]
         >>> walls = sdhj.UnsafeSet.polygon(room, axes=(0, 1, 2), footprint=robot, outside=True)
         >>> walls.level_set([[3.2, 2.2, 0.7], [2.0, 0.3, 0.0]], 0.0).round(3)
-        array([-0.046,  0.05 ])
+        array([-0.049,  0.05 ])
         """
         if footprint is None and pose is None and not outside:
             return cls(_plane(axes, name), polygon_level_set(vertices, radius), name=name)

@@ -340,7 +340,7 @@ class LookupTable(Table):
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
         """Fill in some rows of a batch: see `Table._decide`; in compiled code where the sets are formulas."""
         interval, states, done = self.problem.interval(batch.step), batch.states, False
-        if self._tapes is not NO_TAPES:
+        if self._all_formulas:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
             ends = NOWHERE if played else interval.ahead(states if alike else states[rows])
             done = self._call(batch, rows, ends, scores, checks)
@@ -359,11 +359,16 @@ class LookupTable(Table):
             decide(batch.states, rows, when, tuple(self.packed_at(batch.step)), self._stored, ends, scores, out)
         )
 
+    @cached_property
+    def _all_formulas(self) -> bool:
+        """Whether no level-set function is a black box, so that compiled code can play them."""
+        sets = (*self.problem.unsafe, self.problem.target)
+        return not any(isinstance(one.level_set, BlackBox) for one in sets)
+
     @kept
     def _tapes(self) -> Any:
         """The level-set functions and paths as compiled code plays them; none where one is a black box."""
-        sets = (*self.problem.unsafe, self.problem.target)
-        return NO_TAPES if any(isinstance(one.level_set, BlackBox) for one in sets) else tapes_of(self.problem)
+        return tapes_of(self.problem) if self._all_formulas else NO_TAPES
 
     @kept
     def _axes(self) -> Any:

@@ -186,8 +186,8 @@ def test_a_problem_is_built_of_what_the_judge_knows(name, rng):
             assert np.array_equal(robot.unsafe(states, t) <= 0, problem.unsafe_value(states, t) <= 0)
         if robot.target:
             assert np.array_equal(robot.reached(states, t), problem.target_value(states, t) <= 0)
-    for kind in ("unsafe", "safe", "wall"):
-        np.testing.assert_array_equal(robot.faces[kind], problem.grid.faces(kind))
+    for kind, fate in (("unsafe", "fails"), ("safe", "frees"), ("wall", "holds")):
+        np.testing.assert_array_equal(robot.faces[kind], problem.grid.faces(fate))
     turns = np.where(robot.periodic or [False] * robot.ndim, np.array(robot.upper) - robot.lower, 0.0)
     np.testing.assert_allclose(robot.unsafe(states + turns, 0.0), robot.unsafe(states, 0.0), atol=1e-9)
     np.testing.assert_allclose(
