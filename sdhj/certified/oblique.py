@@ -137,10 +137,8 @@ def leaned(
     what the parts take is no difference of times, which are rounded as late as they are.
     """
     out, parts = np.zeros((2, boxes.shape[1], len(normals))), tubes.shape[1]
-    cuts, length = (
-        [begin + duration * part / parts for part in range(parts + 1)],
-        np.nextafter(duration / parts, np.inf),
-    )
+    cuts = [begin + duration * part / parts for part in range(parts + 1)]
+    length = np.nextafter(duration / parts, np.inf)
     for part in range(parts):
         low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)  # obligation 2.47
         moved = length * along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45

@@ -115,9 +115,8 @@ class Lines:
                 return fastest(robot.moves, self.normals, j, low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
-            found = np.stack(robot.cut(range(robot.grid.ndim), box, bounds)) * (
-                robot.length / robot.parts
-            )  # check 3.70
+            # check 3.70
+            found = np.stack(robot.cut(range(robot.grid.ndim), box, bounds)) * (robot.length / robot.parts)
             out += found + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(found) + np.abs(out))
         return out[0], out[1]
 
