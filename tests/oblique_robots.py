@@ -1,5 +1,7 @@
 """Robots that a component of the disturbance moves along several axes, and their cells."""
 
+from dataclasses import replace
+
 import numpy as np
 
 import sdhj
@@ -48,10 +50,37 @@ def car():
     return sdhj.ReachAvoidProblem(grid, dynamics, AHEAD, [POST], 0.15, 3)
 
 
+def timed():
+    """A robot that is pushed about along a line that turns with time."""
+
+    def gain(q, t):
+        return np.stack([np.cos(2 * t) + 0 * q[:, 0], np.sin(2 * t) + 0 * q[:, 0]], axis=1)[:, :, None]
+
+    return replace(gust(steps=2), dynamics=sdhj.Dynamics(WAYS, WAYS, gain, lambda t: np.array([0.2 + 6 * t])))
+
+
+def in_a_corner():
+    """A target in the corner of two walls."""
+    target = sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.85, p[:, 1] - 0.85) - 0.3)
+    return replace(gust(ends="wall", periodic=False), target=target)
+
+
+def over_the_seam():
+    """Posts beside where the last axis closes, and nothing to reach."""
+    posts = [sdhj.UnsafeSet((0, 1), lambda p, t, y=y: np.hypot(p[:, 0], p[:, 1] - y) - 0.3) for y in (-0.65, 0.1)]
+    grid = sdhj.Grid([-1, -1], [1, 1], [41, 41], periodic=[False, True], ends="safe")
+    return sdhj.ReachAvoidProblem(grid, gust().dynamics, None, posts, 0.1, 3)
+
+
 ROBOTS = {
     "gust": (gust, (96, 96)),
     "between unsafe ends": (lambda: gust(periodic=False), (96, 96)),
     "between walls": (lambda: gust(periodic=False, ends="wall"), (96, 96)),
     "turned": (turned, (80, 80)),
     "car": (car, (40, 40, 36)),
+}
+OTHERS = {
+    "timed": (timed, (160, 160)),
+    "in a corner": (in_a_corner, (96, 96)),
+    "over the seam": (over_the_seam, (40, 40)),
 }

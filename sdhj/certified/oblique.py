@@ -95,6 +95,7 @@ def along(
     def bounded(low: FloatArray, high: FloatArray) -> Ends:
         """They, over boxes within the grid."""
         if dynamics.gain is None:
+            # obligation 2.48
             pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
             return np.min([one[0] for one in pieces], axis=0), np.max([one[1] for one in pieces], axis=0)
         (least, most), gain = (dynamics.each[name][j].bounds(low, high, times) for name in ("drift", "gain"))
@@ -127,16 +128,19 @@ def leaned(
     j: int,
     boxes: FloatArray,
     tubes: FloatArray,
-    cuts: Sequence[float],
+    begin: float,
+    duration: float,
 ) -> FloatArray:
     """How far the states of boxes (2, M, ndim) may get along normals in an interval: (2, M, K).
 
-    tubes (M, parts, ndim, 2): how far the ends of the boxes move in each part, which ends and begins at `cuts`.
+    tubes (M, parts, ndim, 2): how far the ends of the boxes move in each part. begin, duration: of the interval, s;
+    what the parts take is no difference of times, which are rounded as late as they are.
     """
-    out = np.zeros((2, boxes.shape[1], len(normals)))
-    for part in range(tubes.shape[1]):
-        low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)
-        length = np.nextafter(cuts[part + 1] - cuts[part], np.inf)
+    out, parts = np.zeros((2, boxes.shape[1], len(normals))), tubes.shape[1]
+    cuts = [begin + duration * part / parts for part in range(parts + 1)]
+    length = np.nextafter(duration / parts, np.inf)
+    for part in range(parts):
+        low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)  # obligation 2.47
         moved = length * along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45
         out += moved + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(moved) + np.abs(out))
     return out
@@ -190,9 +194,8 @@ class Drawing:
         if whole or rows_of(normals, low, high) * proof.low[..., 0].size > MOST_LINES:
             self.normals = normals[:0]
             return
-        begin, length = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
-        cuts = [begin + length * part / proof.parts for part in range(proof.parts + 1)]
-        far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, cuts)
+        times = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
+        far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
         self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
         self.room = np.maximum(self.room, room_of(proof.axes, normals, tubes, (low, high)))
 

@@ -47,9 +47,9 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
                 elif slope < 0.0:
                     begin = max(begin, room / slope)  # obligation 2.39
                 else:
-                    empty |= room < 0.0
+                    empty |= room < 0.0  # obligation 2.49
             out[m, row, 0], out[m, row, 1] = 0, -1
-            if begin <= end and not empty:
+            if begin <= end and not empty:  # obligation 2.50
                 first = math.floor((begin + stick[last] / 2) / width[last])
                 past = math.ceil((end - stick[last] / 2) / width[last]) - 1
                 out[m, row, 0] = min(max(first, low[m, last]), high[m, last])

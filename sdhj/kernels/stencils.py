@@ -173,12 +173,12 @@ def move_inside(cell, j, place, moves, cells, index, pool, scratch):
         elif end - begin >= whole:
             begin, end = 0, whole
         else:
-            begin, end = begin % whole, begin % whole + end - begin
+            begin, end = begin % whole, begin % whole + end - begin  # obligation 3.27
         if line[0] <= line[1]:  # obligation 3.22
             block = pool[index[row_of_box(scratch, cells)]]
             if not has_bits(block, begin, min(end, whole)):  # obligation 3.23
                 return False
-            if end > whole and not has_bits(block, 0, end - whole):
+            if end > whole and not has_bits(block, 0, end - whole):  # obligation 3.28
                 return False
         step_on(scratch[2], scratch[1], last)
     return True

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from forging import forged
 from naive_certified import assert_runs_succeed
-from oblique_robots import AHEAD, POST, ROBOTS, WAYS, gust
+from oblique_robots import AHEAD, OTHERS, POST, ROBOTS, WAYS, gust
 
 import sdhj
+import sdhj.certified.oblique
 from sdhj.certified.check import verify
 
 
@@ -21,8 +22,12 @@ def tables():
 
     def solved(name):
         if name not in made:
-            problem, cells = ROBOTS[name]
-            made[name] = sdhj.solve(problem(), sdhj.Certified(cells=cells), progress=False)
+            robot, _, mistake = name.partition(", ")  # of MISTAKES
+            problem, cells = (ROBOTS | OTHERS)[robot]
+            with pytest.MonkeyPatch.context() as patch:
+                if mistake:
+                    patch.setattr(sdhj.certified.oblique, *MISTAKES[mistake])
+                made[name] = sdhj.solve(problem(), sdhj.Certified(cells=cells), progress=False)
         return made[name]
 
     return solved
@@ -123,6 +128,62 @@ def test_files_carry_lines_and_the_checker_proves_them(name, tables, rng, tmp_pa
         assert safe[one.contains(states) & ~one.contains(states, within=0)].all()
 
 
+def narrower(axes, normals, low, high, far, drawn=sdhj.certified.oblique.drawn):
+    """Lines that end at their first cell."""
+    out = drawn(axes, normals, low, high, far)
+    out[..., 1] = np.minimum(out[..., 0], out[..., 1])
+    return out
+
+
+def mistaken(name, given=None, answer=None):
+    """A function of `sdhj.certified.oblique` whose arguments or whose answer are changed."""
+    own = getattr(sdhj.certified.oblique, name)
+
+    def function(*some):
+        out = own(*(given(*some) if given else some))
+        return answer(*out) if answer else out
+
+    return name, function
+
+
+# what is set in `sdhj.certified.oblique` while sets are made that are too large
+MISTAKES = {
+    "lines everywhere": ("room_of", lambda axes, *given: np.zeros((2, len(axes)), np.int64)),
+    "a cell a line": ("drawn", narrower),
+    "no way": mistaken("leaned", lambda *some: (*some[:4], 0 * some[4], *some[5:])),
+    "less time": mistaken("leaned", lambda *some: (*some[:-1], 0.9 * some[-1])),
+    "begins of parts": mistaken("along", lambda *some: (*some[:-1], (some[-1][0],) * 2)),
+    "nothing before": mistaken("_component", answer=lambda low, high: (0 * low, high)),
+    "nothing behind": mistaken("_component", answer=lambda low, high: (low, 0 * high)),
+}
+
+
+def as_it_is(told, arrays):
+    """A mistake was made before."""
+
+
+def honest(robot):
+    """Sets that were made by mistake, with the lines and the room that are true of a robot."""
+
+    def change(told, arrays):
+        problem, cells = (ROBOTS | OTHERS)[robot]
+        lines = sdhj.solve(problem(), sdhj.Certified(cells=cells), progress=False).proof.lines
+        told["proof"]["room"], arrays["lines"][...] = lines.room.tolist(), lines.each
+
+    return change
+
+
+def tiny(told, arrays):
+    """No lines, between planes of which nothing is left where they are multiplied."""
+    told["proof"]["normals"] = (1e-322 * np.array(told["proof"]["normals"])).tolist()
+    arrays["lines"][...] = np.array([0, -1])
+
+
+def around(told, arrays):
+    """Moves that go around the first axis."""
+    arrays["high"][..., 0] = arrays["low"][..., 0] + told["cells"]["shape"][0]
+
+
 def shorter(side):
     """A line of the first input that is a cell short of what it was, at one of its ends."""
 
@@ -145,7 +206,7 @@ def none(told, arrays):
 
 def said(path, change):
     """What the checker says of a file after a change of its head and arrays."""
-    with forged(path) as (told, arrays):
+    with forged(path, named=True) as (told, arrays):
         change(told, arrays)
     try:
         return " ".join(str(one) for one in verify(path, progress=False).claims if one.failed)
@@ -165,6 +226,22 @@ FORGERIES = {
         lambda told, _: told["proof"]["normals"][0].__setitem__(2, 1.0),
         "normals must be along axes",
     ),
+    "normals that are next to nothing": ("gust", tiny, "normals must be"),
+    "lines of what is measured": (
+        "gust",
+        lambda told, _: told["sensing"].update(error=0.0, delay=0.0, jitter=1e-3),
+        "images of what is measured must be boxes",
+    ),
+    "once around": ("gust", around, "less than once around"),
+    "an end that v leads to late": ("turned", shorter(1), "moves: "),
+    "an end that v leads to soon": ("turned", shorter(0), "moves: "),
+    "lines without the way": ("car, no way", as_it_is, "moves: "),
+    "lines of less time": ("gust, less time", as_it_is, "moves: "),
+    "lines of begins of parts": ("timed, begins of parts", as_it_is, "moves: "),
+    "lines without what is before": ("gust, nothing before", as_it_is, "moves: "),
+    "lines without what is behind": ("gust, nothing behind", as_it_is, "moves: "),
+    "lines near a wall": ("in a corner, lines everywhere", honest("in a corner"), "one step nearer"),
+    "lines that are not inside": ("gust, a cell a line", honest("gust"), "one step nearer"),
     "room in parts": ("gust", lambda told, _: told["proof"]["room"][0].__setitem__(0, 0.5), "room must be"),
 }
 
@@ -219,8 +296,20 @@ BELIEVED = {
     "where a line begins": ("3.63 true 3", "a line that begins a cell late"),
     "where a line ends": ("3.64 true 3", "a line that ends a cell early"),
     "lines": ("3.68 drop", "a line that ends a cell early"),
+    "the way of what velocities depend on": ("3.69 put 2 {3}", "lines without the way"),
+    "all of the time": ("3.70 put 16 0.9 * {16}", "lines of less time"),
+    "all times of a part": ("3.71 put 10 ({10}[0],) * 2", "lines of begins of parts"),
+    "sums before": ("3.72 zero 7", "lines without what is before"),
+    "sums behind": ("3.73 zero 7", "lines without what is behind"),
+    "all pieces of v": ("3.74 put 5 {9}", "an end that v leads to soon"),
+    "each piece of v": ("3.74 put 10 {14}", "an end that v leads to late"),
+    "boxes near the ends": ("3.75 true 5; true 11", "lines near a wall"),
+    "all cells of a line": ("3.76 put 12 {7}", "lines that are not inside"),
+    "normals of some length": ("7.52 true 7", "normals that are next to nothing"),
+    "nothing measured": ("7.53 true 3", "lines of what is measured"),
+    "less than once around": ("7.54 true 3", "once around"),
     "some normals": ("7.50 true 2", "no normals"),
-    "no normals along places": ("7.51 true 2", "normals along a place"),
+    "no normals along places": ("7.51 true 3", "normals along a place"),
 }
 
 
@@ -230,7 +319,7 @@ def test_the_check_of_lines_needs_it(name, tables, tmp_path):
     change, forgery = BELIEVED[name]
     robot, forge, sentence = FORGERIES[forgery]
     tables(robot).save(tmp_path / "forged.h5")
-    with forged(tmp_path / "forged.h5") as (told, arrays):
+    with forged(tmp_path / "forged.h5", named=True) as (told, arrays):
         forge(told, arrays)
     with mutations.checker(tmp_path, change) as check:
         try:

@@ -1,11 +1,8 @@
 """Every obligation of oblique images is needed: without it the checker refuses what is proved."""
 
-from dataclasses import replace
-
 import mutations
-import numpy as np
 import pytest
-from oblique_robots import ROBOTS, gust
+from oblique_robots import OTHERS, ROBOTS
 
 import sdhj
 import sdhj.certified.sets
@@ -27,12 +24,15 @@ FALSE = {
     "all cells of lines at once": ("3.26 put 13 {13} - 1", "gust", "one step nearer"),
     "lines with cells": ("3.22 false 1", "car", "one step nearer"),
     "all cells of a line": ("3.23 put 1 False", "car", "one step nearer"),
+    "cells of a line behind the seam": ("3.28 false 2", "over the seam", "one step nearer"),
+    "lines over the seam": ("3.27 put 4 (max({6}, 0), min({13}, {7}))", "car", "one step nearer"),
+    "the way of what velocities depend on": ("2.47 put 4 {5}", "car", "moves: "),
+    "all pieces of v": ("2.48 put 21 {21}[:1]", "turned", "moves: "),
+    "all times of a part": ("2.45 copy 15 12", "timed", "moves: "),
+    "rows that are beyond a plane": ("2.49 true 2", "gust", "moves: "),
+    "lines between planes": ("2.50 false 2", "gust", "moves: "),
 }
-CORNER = replace(
-    gust(ends="wall", periodic=False),
-    target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.85, p[:, 1] - 0.85) - 0.3),
-)
-FEW = {"gust": (40, 40), WALLS: (40, 40), "in a corner": (96, 96), "car": (16, 16, 12)}
+FEW = {"gust": (40, 40), WALLS: (40, 40), "car": (16, 16, 12), "turned": (40, 40), "timed": (40, 40)}
 
 
 @pytest.mark.slow
@@ -42,10 +42,7 @@ def test_the_checker_refuses_lines_that_are_drawn_without_it(name, monkeypatch, 
     with mutations.modules(mutations.PROVER, change) as made:
         for user in (sdhj.certified.sets, sdhj.certified.table):
             monkeypatch.setattr(user, "GeneralProof", made["certified/general_proof.py"].GeneralProof, raising=False)
-    table = sdhj.solve(
-        CORNER if robot == "in a corner" else ROBOTS[robot][0](),
-        sdhj.Certified(cells=FEW[robot], parts=1),
-        progress=False,
-    )
+    problem, cells = (ROBOTS | OTHERS)[robot]
+    table = sdhj.solve(problem(), sdhj.Certified(cells=FEW.get(robot, cells), parts=1), progress=False)
     table.save(tmp_path / "false.h5")
     assert any(claim in str(one) for one in verify(tmp_path / "false.h5", progress=False).claims if one.failed)

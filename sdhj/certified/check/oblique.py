@@ -18,6 +18,7 @@ from sdhj.certified.check.described import Times, Velocity
 from sdhj.certified.check.reading import MOST_COUNTED, array, expect, is_whole, reals
 
 MOST_NORMALS = 64
+SHORTEST = 1e-100  # normal: products with it are numbers whose rounding is relative
 MOST_CUT = 4096  # pieces of the adversary's box
 ROUNDED = 1e-15  # of the terms that are added up
 
@@ -29,8 +30,8 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
         for axis in np.flatnonzero(normal):
             ends = normal[axis] * np.stack([low[:, axis], high[:, axis]])
             more = ROUNDED * np.abs(ends).max(axis=0)
-            out[0, :, k] += ends.min(axis=0) - more
-            out[1, :, k] += ends.max(axis=0) + more
+            out[0, :, k] += ends.min(axis=0) - more  # check 3.72
+            out[1, :, k] += ends.max(axis=0) + more  # check 3.73
     return out[0], out[1]
 
 
@@ -54,7 +55,7 @@ def fastest(
         shares = [(2 * i / each - 1, 2 * (i + 1) / each - 1) for i in at]
         pieces = [(a * one, b * one) for (a, b), one in zip(shares, half.T, strict=True)]
         a, b = spread(normals, *velocity.own["velocity"][j].bounds(low, high, times, *pieces))
-        least, most = np.minimum(least, a), np.maximum(most, b)
+        least, most = np.minimum(least, a), np.maximum(most, b)  # check 3.74
     return least, most
 
 
@@ -67,24 +68,29 @@ class Lines:
         fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
         expect(fits, f"normals must be 1 to {MOST_NORMALS}", given)
         self.normals = np.array([reals("normals", one, ndim) for one in given])
+        # check 7.52
+        expect(bool((np.abs(self.normals).max(axis=1) >= SHORTEST).all()), f"normals must be {SHORTEST:g} long", given)
         self.oblique: Any = self.normals.any(axis=0)
         # check 7.51
         expect(not (self.oblique & robot.known).any(), "normals must be along axes that cells move alike on", given)
+        # check 7.53
         expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)
         fits = isinstance(room, list) and len(room) == 2 and all(len(one) == ndim for one in room)
         fits = fits and all(is_whole(one, 0, MOST_COUNTED**3) for side in room for one in side)
         expect(fits, "room must be whole numbers for both ends of each axis", room)
         self.room, self.width = np.array(room), np.array([float(width) for _, width, *_ in robot.axes])
-        self.bounded, self.scale = self.oblique & ~robot.periodic, robot.scale
+        self.bounded, self.scale, self.near = self.oblique & ~robot.periodic, robot.scale, 2 * robot.near
         self.leading = np.flatnonzero(np.array(self.oblique)[:-1])
         numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
         laps = ~robot.periodic[self.leading] | (numbers <= robot.counts[self.leading])
+        # check 7.54
         expect(bool(laps.all()), "moves that are lines must be less than once around", numbers.tolist())
         rows = int(numbers.prod(axis=-1).max())
         self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
 
     def far_from_ends(self, cells: Array, counts: Array) -> Array:
         """Which cells (M, ndim) have lines: (M,)."""
+        # check 3.75
         return np.all((cells >= self.room[0]) & (cells < counts - self.room[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
@@ -102,20 +108,22 @@ class Lines:
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
         times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
         for part, when in enumerate(pairwise(times)):
-            box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)
+            box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
             def bounds(low: Array, high: Array, when: Times = when) -> tuple[Array, Array]:
                 """Those of n . f in one part."""
-                return fastest(robot.moves, self.normals, j, low, high, when, cuts)
+                return fastest(robot.moves, self.normals, j, low, high, when, cuts)  # check 3.71
 
-            found = np.stack(robot.cut(range(robot.grid.ndim), box, bounds)) * (when[1] - when[0])
+            # what it takes is no difference of times, which are rounded as late as they are
+            # check 3.70
+            found = np.stack(robot.cut(range(robot.grid.ndim), box, bounds)) * (robot.length / robot.parts)
             out += found + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(found) + np.abs(out))
         return out[0], out[1]
 
     def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: int, swept: Array, cuts: int) -> Array:
         """Whether the lines of places hold all that is between the planes, and `room` all that ends may meet: (M,)."""
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
-        back, ahead = -swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)
+        back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
         # check 3.57
         fits = np.all(~self.bounded | ((back <= self.room[0] * self.width) & (-low <= self.room[0])), axis=1)
         # check 3.58
@@ -157,5 +165,5 @@ class Lines:
             left = np.flatnonzero(out & there & (lines[:, 0] <= lines[:, 1]))
             one, other = at[left], np.where(self.oblique, at[left], high[left])
             one[:, -1], other[:, -1] = lines[left].T
-            out[left] = robot.box_inside(cells[left] + one, cells[left] + other, sums)
+            out[left] = robot.box_inside(cells[left] + one, cells[left] + other, sums)  # check 3.76
         return out
