@@ -1,5 +1,6 @@
 """Unsafe sets that are unsafe under some inputs only: no thrust near a station, a charger that is off for hours."""
 
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -203,7 +204,8 @@ def test_a_charger_that_is_off_for_some_hours():
 
 
 def test_gymnasium_masks_it():
-    gym = pytest.importorskip("sdhj.simulation.environment")
+    pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'sdhj[gym]'")
+    gym = importlib.import_module("sdhj.simulation.environment")
     env = gym.ReachAvoidEnv(sdhj.solve(line(), progress=False, play=False), shield=False)
     _, info = env.reset(seed=0, options={"state": [0.8]})
     assert not info["action_mask"][list(FAST)].any() and info["action_mask"].any()

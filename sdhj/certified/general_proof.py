@@ -122,18 +122,16 @@ class GeneralProof(Images):
     ----------
     clear : (starts, cells, bytes) uint8
         Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell; starts is 1 where nothing depends on time.
-    drawn : list
-        The lines of its images; empty until `prepare` or `load` has put them there.
     """
 
     clear: FloatArray
-    drawn: list[Lines] = field(default_factory=list)
+    _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
 
     @property
     def lines(self) -> Lines:
         """The lines of its images."""
-        return self.drawn[0] if self.drawn else super().lines
+        return self._drawn[0] if self._drawn else super().lines
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
@@ -203,7 +201,7 @@ class GeneralProof(Images):
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         proof = cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
         if "normals" in stated:
-            proof.drawn.append(lines_in_file(stated, file, proof))
+            proof._drawn.append(lines_in_file(stated, file, proof))
         return proof
 
     # ---- the recursion; sets are (rows, W) uint64
@@ -239,19 +237,19 @@ class GeneralProof(Images):
 
         lattices = self._lattices(progress)
         self.fill(min(max(finest, 1), FINEST), progress, use)
-        self.drawn.append(drawing.lines)
+        self._drawn.append(drawing.lines)
         for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
             self._mark_in_words(unsafe_set, tubes[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear))
 
     @cached_property
-    def met_in_words(self) -> list[UnsafeSet]:
+    def met_in_words(self) -> tuple[UnsafeSet, ...]:
         """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
         move alike, and no end is safe.
         """
         tubes = math.prod(self.low.shape[:-1]) * self.parts
         few, own = tubes <= TUBES_AT_HAND, self.strides > 0
-        return [one for one in self.problem.unsafe if few and in_words(len(own), own, self.past, one.axes)]
+        return tuple(one for one in self.problem.unsafe if few and in_words(len(own), own, self.past, one.axes))
 
     @property
     def _met_by_cells(self) -> list[UnsafeSet]:
@@ -329,7 +327,8 @@ class GeneralProof(Images):
         begin, offset = (self._numbers(which, counts) for which in (self.strides > 0, some))
         layout = Placed(counts, begin, offset, along, stride, length, self.layout.edges, self.layout.safe)
         every = self.clear.reshape(len(self.clear), *self.layout.counts, -1)[steps, ..., j // 8]
-        first = np.full(math.prod(counts), 255, np.uint8) if alike.any() else every[0].ravel()
+        # of several steps the first has bits of other inputs that hold there alone
+        first = every[0].ravel() if len(every) == 1 and not alike.any() else np.full(math.prod(counts), 255, np.uint8)
         mark(first, layout)
         every &= first.reshape(counts)
 

@@ -47,7 +47,7 @@ class Formula(Remembering):
     parameters: int = 1  # ... and further ones, of which the first is the time
     shape: tuple[int, ...] = ()  # of the results for one point
     name: str = "formula"  # for messages
-    source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # until a problem has compared the two
+    _source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # until a problem has compared the two
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
@@ -75,6 +75,15 @@ class Formula(Remembering):
         """The formula of a function that is known to treat points alike."""
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
+
+    @property
+    def source(self) -> Callable[..., Any] | None:
+        """The function that it was read from, until a problem has compared the two."""
+        return self._source[0] if self._source else None
+
+    def let_go_of_source(self) -> None:
+        """Forget the function, which may hold a map."""
+        self._source.clear()
 
     @kept
     def entries(self) -> Any:

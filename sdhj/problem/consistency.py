@@ -42,10 +42,10 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
-        if isinstance(formula, Formula) and formula.source:
+        if isinstance(formula, Formula) and (function := formula.source):
             for when in each:
-                compare(formula, formula.source[0], states, *when)
-            formula.source.clear()  # it may hold a map
+                compare(formula, function, states, *when)
+            formula.let_go_of_source()
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
