@@ -122,11 +122,9 @@ PROVER = tuple(
     for name in (
         "kernels/pieces",
         "kernels/stencils",
-        "kernels/windows",
         "kernels/oblique",
         "certified/cells",
         "certified/bounds",
-        "certified/word_tubes",
         "certified/oblique",
         "certified/images",
         "certified/general_proof",

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import h5py
@@ -19,13 +19,11 @@ from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
 from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
-from sdhj.certified.word_tubes import LEAST_AXES, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
-from sdhj.kernels.packed import STATE_SLACK, to_words
+from sdhj.kernels.packed import to_words
 from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, mark_collisions, mark_exits
-from sdhj.kernels.windows import mark_met
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -81,10 +79,8 @@ def lattice_of(
     )
 
 
-BYTES_OF_A_BOX = 16  # while boxes are counted, and in each lap; half where they are looked at in words
+BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
-WORDS_OF_A_WORD = 40  # while cells are looked at in words: boxes of half a cell on three axes, with margins, and unions
-TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
 
@@ -101,17 +97,13 @@ def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
     """See `GeneralProof.peak`; moves and clear are shapes."""
-    own, past = place_axes(problem, axes), np.stack(problem.grid.faces("frees"))
     boxes = [
-        math.prod(axes[k].count for k in part.axes)
-        * (0.5 if in_words(len(axes), own, past, part.axes) else 1 + 2 ** sum(axes[k].periodic for k in part.axes))
+        math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
         for part in known_sets(problem)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
-    needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if len(axes) >= LEAST_AXES else 0
-    needed += most_bytes(problem, axes, own)
-    return needed + 16 * PLACES * len(axes) * parts + round(BYTES_OF_A_BOX * max(boxes, default=0))
+    needed += most_bytes(problem, axes, place_axes(problem, axes))
+    return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
 @dataclass(frozen=True)
@@ -208,83 +200,34 @@ class GeneralProof(Images):
 
     @kept
     def layout(self) -> Placed:
-        """Cells by place, without what is added to the first cell at a place."""
+        """Cells by place."""
         counts, own = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
-        begin, nothing = self._numbers(own, counts), np.zeros(0, np.int64)
-        return Placed(counts, begin, nothing, 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell)
+        return Placed(
+            counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell
+        )
 
-    @staticmethod
-    def _numbers(which: FloatArray, counts: FloatArray) -> FloatArray:
+    def _numbers(self, which: FloatArray) -> FloatArray:
         """Of the cells that are the first on all axes but `which` (ndim,) bool."""
+        counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> None:
         """Fill moves and clear: where every input takes every place, where it is safe from."""
-        finest, in_words = EVALUATED // (self.low[..., 0].size * self.parts * 2), self.met_in_words
-        drawing = Drawing(self)
-        tubes = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
+        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
+        mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
 
-        def use(start: int, j: int, some: FloatArray, swept: FloatArray) -> None:
-            """Take away what is met cell by cell, draw lines, and keep the tubes for the rest."""
-            self._mark_collisions(lattices, start, j, some, swept)
-            drawing.add(start, j, some, swept)
-            if in_words:
-                tubes[start, j, some] = swept
+        def use(start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
+            """Of places and their tubes what the recursion asks for."""
+            mark(start, j, some, tubes)
+            drawing.add(start, j, some, tubes)
 
-        lattices = self._lattices(progress)
         self.fill(min(max(finest, 1), FINEST), progress, use)
         self._drawn.append(drawing.lines)
-        for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
-            self._mark_in_words(unsafe_set, tubes[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear))
-
-    @cached_property
-    def met_in_words(self) -> tuple[UnsafeSet, ...]:
-        """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
-        move alike, and no end is safe.
-        """
-        tubes = math.prod(self.low.shape[:-1]) * self.parts
-        few, own = tubes <= TUBES_AT_HAND, self.strides > 0
-        return tuple(one for one in self.problem.unsafe if few and in_words(len(own), own, self.past, one.axes))
-
-    @property
-    def _met_by_cells(self) -> list[UnsafeSet]:
-        """The other unsafe sets."""
-        return [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
-
-    def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
-        """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""
-        own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
-        axes, each, scale = [self.axes[k] for k in own], [], self.shell[own] / STATE_SLACK
-        lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
-        inputs, places, parts = tubes.shape[1:4]
-        inside, others = np.zeros((2, len(self.axes)), np.bool_)
-        inside[own[:-1]], others[self.strides == 0] = True, True
-        others[own] = False
-        rows, beside = (self._numbers(which, self.cells.counts) for which in (inside, others))
-        met = np.empty((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
-        for step, times in enumerate(spans):
-            starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
-            first, last = windows(lattice, NARROW * scale, tubes)
-            far = far_beyond(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
-            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
-            for start, place in itertools.product(starts, range(places)):
-                met[:] = 0
-                a, b = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
-                for part, boxes in enumerate(each):
-                    # obligation 4.58
-                    some = np.arange(part, inputs * parts, parts) if len(each) > 1 else np.arange(inputs * parts)
-                    for tubes_met, cells in united(boxes, lattice, a, b, some, len(own) - 1):
-                        for j in filter(unsafe_set.counts, np.unique(tubes_met // parts).tolist()):
-                            met[j] |= cells
-                begin = self.layout.begin[place] + rows
-                steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
-                for at in steps:
-                    mark_met(self.clear[at], begin, beside, met.reshape(inputs, len(rows), -1), axes[-1].count)
 
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
@@ -294,72 +237,68 @@ class GeneralProof(Images):
         What stands still is met in all of them alike.
         """
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
+        still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
-        steps = slice(None) if len(self.low) == 1 else slice(start, start + 1)
         faces = np.stack(grid.faces("fails"))
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(steps, j, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
+            self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
         # obligation 4.47
-        own = [one for one, part in zip(lattices, self._met_by_cells, strict=True) if part.counts(j)]
+        own = [one for one, part in zip(lattices, self.problem.unsafe, strict=True) if part.counts(j)]
         for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
-            self._met(steps, j, tubes, places, lattice[0], bit)
-        for step in range(len(self.clear))[steps]:
+            self._met(still, tubes, places, lattice[0], bit)
+        for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
+            clear = self.clear[step, :, j // 8] & still
             for lattice in (one for one in own if len(one) > 1):  # obligation 4.10
-                self._met(slice(step, step + 1), j, tubes, places, lattice[step], bit)  # obligation 4.11
+                self._met(clear, tubes, places, lattice[step], bit)  # obligation 4.11
+            self.clear[step, :, j // 8] = clear
 
-    def _met(self, steps: slice, j: int, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
+    def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
         """`mark_collisions`, of all cells that may differ."""
-        self._once(steps, j, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
+        self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
-    def _once(self, steps: slice, j: int, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Clear bits of u_j once for all cells that differ on axes alone that neither `axes` nor an image depends on.
+    def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
+        """Clear bits once for all cells that differ on axes alone that neither `axes` nor an image depends on.
 
         Cells are in lines along the last of `axes` on which cells at a place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
-        counts, some = np.where(alike, 1, self.layout.counts), (self.strides == 0) & ~alike
+        counts, some = self.layout.counts, (self.strides == 0) & ~alike
         along = int([axes[-1], *(axis for axis in axes if some[axis])][-1])
         length, stride = int(counts[along]) if some[along] else 1, math.prod(counts[along + 1 :].tolist())
         some[along] &= length == 1
-        begin, offset = (self._numbers(which, counts) for which in (self.strides > 0, some))
-        layout = Placed(counts, begin, offset, along, stride, length, self.layout.edges, self.layout.safe)
-        every = self.clear.reshape(len(self.clear), *self.layout.counts, -1)[steps, ..., j // 8]
-        # of several steps the first has bits of other inputs that hold there alone
-        first = every[0].ravel() if len(every) == 1 and not alike.any() else np.full(math.prod(counts), 255, np.uint8)
+        layout = self.layout._replace(offset=self._numbers(some), axis=along, stride=stride, length=length)
+        if not alike.any():
+            mark(clear, layout)
+            return
+        first = np.full(clear.size, 255, np.uint8)
         mark(first, layout)
-        every &= first.reshape(counts)
+        every = clear.reshape(counts)
+        every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
-    @kept
-    def _sway(self) -> FloatArray:
-        """By how much an adversary and errors move states to both sides in an interval, somewhere, (ndim,)."""
+    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
+        """For each unsafe set a lattice for each step, or one for all where it stands still."""
+        out: list[list[Boxes]] = []
         grid, sensing = self.problem.grid, self.problem.sensing
+        length, late = sensing.hold(self.problem.delta)[0], sensing.jitter
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
-        return np.asarray(np.max(pushed, axis=0) / 2 * sensing.hold(self.problem.delta)[0] + self.prediction_error)
-
-    def _spans(self, unsafe_set: UnsafeSet) -> list[list[tuple[float, float]]]:
-        """For each step the times of each part of its interval; all time, once, of a set that stands still."""
-        if not unsafe_set.moving:
-            return [[self._always]]
-        length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
-        for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
-            # obligation 4.7
-            cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-            out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
+        sway = np.max(pushed, axis=0) / 2 * length + self.prediction_error
+        for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
+            if not part.moving:
+                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
+                continue
+            out.append([])
+            for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
+                # obligation 4.7
+                cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
+                times = [(t0 - late, t1 + late) for t0, t1 in cuts]  # obligation 4.8
+                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps, sway))
         return out
-
-    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
-        """For each unsafe set that is met cell by cell a lattice for each step, or one where it stands still."""
-        return [
-            [lattice_of(self.bounds, self.axes, part, times, len(spans), self._sway) for times in spans]
-            for part in tqdm(self._met_by_cells, desc="unsafe sets", leave=False, disable=hidden(progress))
-            for spans in [self._spans(part)]
-        ]
 
     def goal(self, step: int) -> FloatArray:
         """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time.

@@ -207,9 +207,7 @@ def runs(block, begin, length):
 
 @kernel(**UNCOUNTED)
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
-    """Leave those of the 64 cells of a word that have their image in a set, of each move; and return any.
-
-    found (L,) uint64: a bit for each cell that is asked about, in place.
+    """Write which of the 64 cells of a word have their image in a set, of each move, found (L,) uint64; and return any.
 
     cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
     rows of the set with what comes before and behind them on the last axis, in words.
@@ -223,6 +221,7 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
         begin, length = start + moves.low[j, place, last], 1 + moves.high[j, place, last] - moves.low[j, place, last]
+        found[j] = ~np.uint64(0)
         for _ in range(total):
             block = extended[row_of_box(scratch, cells)]
             if inner != ~np.uint64(0):
@@ -267,10 +266,7 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
         if not near[bit >> 6]:
             continue
         if bit & 63 == 0 and images_in.size > 0:
-            images_in[:] = inside[bit >> 6] if keep else ~inside[bit >> 6]
             some = images_inside(bit >> 6, cell, begin, moves, cells, pool, indices, images_in)
-            if some == 0 and not keep:
-                continue
         if has_bit(inside, bit) != keep:  # obligation 3.11
             continue
         cell[cell.size - 1], number, found = bit, row * last + bit, (some >> np.uint64(bit & 63)) & BIT != 0
