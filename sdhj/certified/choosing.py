@@ -152,6 +152,8 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
+    if not math.isfinite(longest):  # a velocity is undefined, which is said where its bounds are asked for
+        return 1
     return int(min(problem.most_steps, max(math.ceil(longest), 1), LOSING_STEPS))
 
 

@@ -132,7 +132,8 @@ def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
     cells = farthest / grid.spacing
     meets = drift.any(axis=0) & ~np.array(grid.periodic)
-    return tuple(int(np.ceil(cells[axis])) + BEYOND if meets[axis] else 0 for axis in axes)
+    walled = [meets[axis] and np.isfinite(cells[axis]) for axis in axes]  # what is undefined is said later
+    return tuple(int(np.ceil(cells[axis])) + BEYOND if walls else 0 for axis, walls in zip(axes, walled, strict=True))
 
 
 @dataclass(frozen=True)
