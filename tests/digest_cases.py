@@ -257,7 +257,12 @@ CASES: dict[str, Case] = {
     "plane, time and state": Case(lambda: tide(turning=True)),
     "plane, time": Case(lambda: tide(turning=False), "lax"),
     "plane, time and state, certified": Case(lambda: tide(turning=True), sdhj.Certified(cells=(32, 24), parts=3)),
+    "plane, moving, certified": Case(lambda: moving(True), sdhj.Certified(cells=(40, 30), parts=3)),
     "plane, turned adversary": Case(turned),
+    "plane, turned adversary, certified": Case(turned, sdhj.Certified(cells=(80, 60), parts=3)),
+    "plane, forbidden inputs": Case(
+        lambda: plane(sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
+    ),
     "plane, some time, projected": Case(
         lambda: plane(*thin("nodes").unsafe[:2], target=across(), steps=None), "projected"
     ),

@@ -81,7 +81,7 @@ class Formula(Remembering):
         """The function that it was read from, until a problem has compared the two."""
         return self._source[0] if self._source else None
 
-    def let_go_of_source(self) -> None:
+    def forget_source(self) -> None:
         """Forget the function, which may hold a map."""
         self._source.clear()
 

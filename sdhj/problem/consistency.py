@@ -45,7 +45,7 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
         if isinstance(formula, Formula) and (function := formula.source):
             for when in each:
                 compare(formula, function, states, *when)
-            formula.let_go_of_source()
+            formula.forget_source()
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
