@@ -1,7 +1,8 @@
 """The outcomes of a run, and the simulation of one interval, which checks for an outcome after every substep.
 
-Between two substeps something fast may pass. Where bounds on a level-set function over the way of a state from one to
-the next, a straight line, leave open whether it is met, the middle is looked at, and both halves in the same way.
+Between two substeps something fast may pass (`_fast_sets`). Where bounds on the function of such a set over the way of
+a state from one to the next, a straight line, leave open whether it is met, the middle is looked at, and both halves in
+the same way.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,8 @@ REACHED, COLLIDED, LEFT, LATE, OFF = range(len(OUTCOMES))
 UNDECIDED = -1
 LOOKED_AHEAD = 4  # substeps
 HALVINGS = 6  # of a substep, at most: 1,280 instants of an interval
+FAST = 0.25  # of how deep a set is, in a substep: of slower ones at most half as much is cut off between two instants
+DRAWN = 2048  # states at which that is found out
 
 
 # Called after each substep with the moment it began, v (M, D), the new states (M, ndim) and their clearance (M,).
@@ -36,8 +39,8 @@ def play_interval(
     lowest, place = np.full(len(states), np.inf), problem.grid
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
         lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), begun.time, inputs)
-    ahead = [_near(begun, part, states, begun.time, len(substeps)) for part in problem.unsafe]
-    near = ahead
+    fast = problem.remembered("fast sets", lambda: _fast_sets(begun))
+    ahead = near = [_near(begun, part, states, begun.time, len(substeps)) for part in fast]
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
@@ -49,10 +52,9 @@ def play_interval(
         lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
             near = [
-                one & _near(begun, part, before, now, LOOKED_AHEAD, one)
-                for part, one in zip(problem.unsafe, ahead, strict=True)
+                one & _near(begun, part, before, now, LOOKED_AHEAD, one) for part, one in zip(fast, ahead, strict=True)
             ]
-        for part, one in zip(problem.unsafe, near, strict=True):
+        for part, one in zip(fast, near, strict=True):
             some = np.flatnonzero(one & (clearance > 0) & (ended == UNDECIDED))
             if some.size:
                 way = before[some], met[some] - before[some], now, begun.duration
@@ -66,6 +68,27 @@ def play_interval(
         if (ended != UNDECIDED).all():
             break
     return states, ended, v
+
+
+def _fast_sets(begun: Moment) -> list[UnsafeSet]:
+    """The unsafe sets that may pass a state between two substeps; bounds on the others' functions need not be asked.
+
+    g changes in a substep by more than `FAST` of max -g, at states drawn at random, of three intervals, whose
+    coordinates change as fast as any there; or none of the states is in the set.
+    """
+    problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
+    grid, found = problem.grid, list[UnsafeSet]()
+    for part in problem.unsafe:
+        deepest = change = 0.0
+        for step in {0, problem.most_steps // 2, problem.most_steps - 1}:
+            points, t = rng.uniform(grid.lower, grid.upper, (DRAWN, grid.ndim)), problem.time(step)
+            moved = points + h * problem.interval(step).speeds * rng.choice([-1.0, 1.0], points.shape)
+            moved = np.where(grid.periodic, moved, np.clip(moved, grid.lower, grid.upper))
+            before, after = problem.value_of(part, points, t), problem.value_of(part, moved, t + h)
+            deepest, change = max(deepest, -before.min()), max(change, np.abs(after - before).max())
+        if change > FAST * deepest or deepest == 0.0:
+            found.append(part)
+    return found
 
 
 def _near(

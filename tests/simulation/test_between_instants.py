@@ -5,7 +5,7 @@ import pytest
 
 import sdhj
 from sdhj.simulation.adversaries import SUBSTEPS, first_moment
-from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, play_interval
+from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, _fast_sets, play_interval
 
 
 def room(speed=20.0, radius=0.15, *, periodic=False):
@@ -27,12 +27,23 @@ def room(speed=20.0, radius=0.15, *, periodic=False):
     )
 
 
-def outcomes(problem, starts, inputs):
+def begin(problem, starts, inputs):
     table = sdhj.solve(sdhj.ReachAvoidProblem(problem.grid, problem.dynamics, problem.target, (), 0.25, 2), play=False)
     count = len(starts)
     given = starts, inputs, np.ones(count, np.int64), 0, 0.0, np.arange(count), np.random.default_rng(0)
-    begun = first_moment(table, problem, *given)
-    return play_interval(begun, lambda m: np.zeros_like(m.previous), None)[1]
+    return first_moment(table, problem, *given)
+
+
+def outcomes(problem, starts, inputs):
+    return play_interval(begin(problem, starts, inputs), lambda m: np.zeros_like(m.previous), None)[1]
+
+
+@pytest.mark.parametrize(("speed", "radius", "fast"), [(1.0, 0.15, False), (4.0, 0.15, True), (4.0, 0.6, False)])
+def test_what_leads_past_a_quarter_of_its_depth_in_a_substep_is_fast(speed, radius, fast):
+    """A ball and a robot of 1 m/s, 12.5 ms: (speed + 1.1) / 80 m of `radius`."""
+    assert ((speed + 1.1) / 80 > 0.25 * radius) == fast
+    begun = begin(room(speed, radius), np.zeros((1, 2)), np.zeros(1, np.int64))
+    assert [one.name for one in _fast_sets(begun)] == ["unsafe"] * fast
 
 
 @pytest.mark.parametrize("periodic", [False, True])
