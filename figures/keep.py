@@ -79,8 +79,9 @@ def quoted(mark: re.Match[str]) -> str:
 
 
 def shape(line: str) -> str:
-    """A line without its numbers."""
-    return " ".join(NUMBER.sub("#", line).split())
+    """A line without its numbers, but for a whole number that it begins with: the nodes of a row."""
+    first = re.sub(r"^(\s*\d+ |).*", r"\1", line)
+    return " ".join((first + NUMBER.sub("#", line[len(first) :])).split())
 
 
 def brought_up(text: str, names: Collection[str]) -> str:

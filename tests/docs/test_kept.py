@@ -14,15 +14,12 @@ from PIL import Image
 
 SITE = ROOT / "notebooks" / "site"
 
-
-NOT_YET = {"bench"}  # needs a quiet machine and the extra `bench`: python figures/keep.py bench, and take it off here
-QUOTED = {name: command for name, command in keep.marks().items() if name not in NOT_YET}
+QUOTED = keep.marks()
 
 
 def test_each_command_that_is_quoted_has_been_kept() -> None:
-    quoted = QUOTED
-    assert set(quoted) == {path.stem for path in (keep.HERE / "kept").glob("*.txt")}
-    for name, command in quoted.items():
+    assert set(QUOTED) == {path.stem for path in (keep.HERE / "kept").glob("*.txt")}
+    for name, command in QUOTED.items():
         assert keep.kept_file(name).read_text("utf-8").splitlines()[0] == f"$ {command}", name
         assert (ROOT / command.split()[1]).is_file()
 
