@@ -100,7 +100,7 @@ def run(name: str, command: str) -> None:
     head = [f"$ {command}", f"sdhj {sdhj.__version__}, {commit}, {date.today()}"]
     kept_file(name).parent.mkdir(exist_ok=True)
     kept_file(name).write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
-    shrink(ROOT / "results", [Path(command.split()[1]).stem], digest(name))
+    shrink(ROOT / "results", [Path(command.split()[1]).stem], printed=digest(name))
 
 
 @click.command()
