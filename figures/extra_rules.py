@@ -1,7 +1,7 @@
 """Selection rules trade effort, clearance and time (Sec. 6.1).
 
-All rules play the same runs, from the same starts against the same random adversary; so what a rule changes is measured run by
-run, by the mean of the differences to the rule "deepest", of the runs that reached the target by every rule.
+All rules play the same runs, from the same starts against the same random adversary; so what a rule changes is
+measured run by run: the mean of the differences to "deepest", of the runs that reached the target by every rule.
 """
 
 from collections.abc import Sequence
@@ -91,7 +91,7 @@ def draw(context: Context) -> Figure:
 
 
 def differences(outcomes: Sequence[RuleOutcome], kind: str) -> dict[str, FloatArray]:
-    """What each rule but the first changes in "effort", "clearance" or "time", in each run that all of them end well."""
+    """What each rule but the first changes in "effort", "clearance" or "time", in each run that all end well."""
     both = np.logical_and.reduce([outcome.arrived for outcome in outcomes])
     first, *others = (getattr(outcome, kind)[both[outcome.arrived]] for outcome in outcomes)
     return {outcome.rule: values - first for outcome, values in zip(outcomes[1:], others, strict=True)}

@@ -34,7 +34,6 @@ class Checked(NamedTuple):
 ROBOTS = {
     "rail": Checked(fleet.rail().problem, (160, 160), (40, 40)),
     "pendulum": Checked(fleet.pendulum().problem, (200, 200), (50, 50)),
-    "airship in a measured wind": Checked(fleet.airship().problem, (160, 120), (32, 24)),
     "README's car": Checked(extra_sensing.car, (64, 64, 63), (16, 16, 21)),
     "README's car, finer": Checked(extra_sensing.car, (120, 120, 126), (16, 16, 21)),
     "the paper's arm": Checked(lambda: sdhj.arm_case_study(9), (64, 64, 36, 36), (16, 16, 8, 8)),
