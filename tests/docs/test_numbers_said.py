@@ -1,4 +1,4 @@
-"""A number with a unit, or a share, in the prose of a page is a kept one, one of the page's outputs, or excused here."""
+"""A number with a unit, or a share, in the prose of a page is kept, follows from what is kept, or is excused here."""
 
 import re
 from collections.abc import Callable

@@ -101,8 +101,8 @@ def test_every_command_of_a_page_is_one_that_its_program_takes(tmp_path: Path) -
     """Its options, and how many arguments; that `sdhj` runs in an empty folder, the test above shows."""
     told = commands()
     assert len(told) > 40
-    for program, *words in told:
-        if program == "sdhj":
+    for typed, *words in told:
+        if typed == "sdhj":
             name, *arguments = words
             command = main.commands[name]
         else:
@@ -115,11 +115,11 @@ def test_every_command_of_a_page_is_one_that_its_program_takes(tmp_path: Path) -
         try:
             here = "promises.py" in words[0]  # it writes into a page that there has to be
             with contextlib.chdir(ROOT if here else tmp_path):
-                command.make_context(name if program == "sdhj" else script, arguments)
+                command.make_context(name if typed == "sdhj" else script, arguments)
         except click.NoSuchOption:
             raise
         except (click.MissingParameter, click.BadOptionUsage):
-            assert program == "sdhj" and any(word.startswith("--") for word in words)  # it names an option
+            assert typed == "sdhj" and any(word.startswith("--") for word in words)  # it names an option
 
 
 @pytest.fixture(scope="module")
