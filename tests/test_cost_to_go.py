@@ -127,8 +127,7 @@ def test_paired_runs_in_the_plane(method: str, rng: np.random.Generator) -> None
     starts = starts[made.contains(starts) & (np.hypot(starts[:, 0] - 1.2, starts[:, 1]) > 0.4)][:600]
     pushes = rng.uniform(-0.1, 0.1, (made.steps, len(starts), 2))
     played = {
-        rule: runs(sdhj.Controller(made, rule=rule), starts, pushes)
-        for rule in ("deepest", "effort", "clearance")
+        rule: runs(sdhj.Controller(made, rule=rule), starts, pushes) for rule in ("deepest", "effort", "clearance")
     }
     for cost, counted, sign in (("effort", "effort", -1.0), ("clearance", "nearest", 1.0)):
         with_it = runs(sdhj.Controller(made, rule=sdhj.CostToGo(made, cost, progress=False)), starts, pushes)
@@ -233,7 +232,10 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
     with pytest.raises(ValueError, match=r"of another table: CostToGo\(table, ...\) for the controller's table"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)
     kept = {"target": None, "steps": None}
-    for ever in (sdhj.solve(rooms(**kept), play=False, progress=False), sdhj.solve(rooms(**kept), sdhj.Certified([40, 30]), play=False, progress=False)):
+    for ever in (
+        sdhj.solve(rooms(**kept), play=False, progress=False),
+        sdhj.solve(rooms(**kept), sdhj.Certified([40, 30]), play=False, progress=False),
+    ):
         with pytest.raises(ValueError, match="lasts for ever has no sum: solve the problem with a number of steps"):
             sdhj.CostToGo(ever, "effort")
     staying = sdhj.solve(rooms(target=None, steps=5), play=False, progress=False)

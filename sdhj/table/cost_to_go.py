@@ -123,7 +123,9 @@ class CostToGo:
             option("cost", cost, tuple(COSTS))
         problem, grid = table.problem, table.problem.grid
         if table.problem.has_no_target and table.details.get("endless"):
-            raise ValueError("a cost along a run that lasts for ever has no sum: solve the problem with a number of steps")
+            raise ValueError(
+                "a cost along a run that lasts for ever has no sum: solve the problem with a number of steps"
+            )
         if cost == "distance" and problem.has_no_target:
             raise ValueError('the cost "distance" is that to a target, and the problem has none: use another cost')
         if cost == "clearance" and not any(one.inputs is None for one in problem.unsafe):
@@ -158,7 +160,9 @@ class CostToGo:
     def __call__(self, candidates: Candidates) -> FloatArray:
         """c_k(q, u) and J_{k+1}(q') of P candidates, added up or the larger: (P,)."""
         if candidates.problem is not self.problem:
-            raise ValueError("this cost to go is that of another table: CostToGo(table, ...) for the controller's table")
+            raise ValueError(
+                "this cost to go is that of another table: CostToGo(table, ...) for the controller's table"
+            )
         ends = candidates.successors
         sums, weights = (self.problem.grid.interpolate(one, ends) for one in self._values[candidates.step + 1])
         known = (weights >= LEAST_WEIGHT) & np.isfinite(weights)
