@@ -1,10 +1,11 @@
-"""Projections that know a window of what they drop (the last sentence of App. A.4), for a point that accelerates in space.
+"""Projections that know a window of what they drop (App. A.4, last sentence), for a point that accelerates in space.
 
-`python figures/studies/windows.py` plays the six-dimensional problem of `large.py` in full and by projections that drop one
-velocity. The robot measures that velocity at t_k, so it is in one of some windows, and in an interval goes on by what the input
-and the gust make of it; a single window is the projection of Sec. 5.1. Each pair of a place and a velocity moves by itself, so an
-interval leads to a box, and its game is a maximum over boxes of interpolated values. Beside the shares stands the processor time of
-the library's methods on one thread: of windows that of as many projections onto a space whose dropped axis is as long.
+`python figures/studies/windows.py` plays the six-dimensional problem of `large.py` in full and by projections that drop
+one velocity. The robot measures that velocity at t_k, so it is in one of some windows, and in an interval goes on by
+what the input and the gust make of it; a single window is the projection of Sec. 5.1. Each pair of a place and a
+velocity moves by itself, so an interval leads to a box, and its game is a maximum over boxes of interpolated values.
+Beside the shares stands the processor time of the library's methods on one thread: of windows that of as many
+projections onto a space whose dropped axis is as long.
 """
 
 import math
@@ -149,7 +150,7 @@ def seconds(solve: Callable[[], object]) -> float:
 
 
 def of_windows(problem: sdhj.ReachAvoidProblem, windows: Sequence[Window]) -> float:
-    """Processor time of the library's projections, three times that of the last axis with what it can be in a window."""
+    """Processor time of the library's projections: three times that of the last axis, as long as in a window."""
     grid, found = problem.grid, 0.0
     farther = problem.delta * (PUSH + GUST)
     for window in windows:

@@ -93,9 +93,9 @@ class Controller:
         negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
         ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
         keeps a reserve of `RESERVE` cells and the share `DEPTH_KEPT` of the depth that the deepest safe input has;
-        if none does, "deepest" decides. A rule that has an attribute `all_left` that is true, as `sdhj.CostToGo` has, is
-        asked of all inputs after which the target can still be reached by the last step (`allowed`), and the step has
-        to be given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
+        if none does, "deepest" decides. A rule with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked
+        of all inputs after which the target can still be reached by the last step (`allowed`), and the step has to be
+        given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
 
     Raises
     ------

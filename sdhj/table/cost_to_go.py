@@ -122,7 +122,7 @@ class CostToGo:
         if not callable(cost):
             option("cost", cost, tuple(COSTS))
         problem, grid = table.problem, table.problem.grid
-        if table.problem.has_no_target and table.details.get("endless"):
+        if problem.has_no_target and table.details.get("endless"):
             raise ValueError(
                 "a cost along a run that lasts for ever has no sum: solve the problem with a number of steps"
             )
