@@ -1,6 +1,5 @@
 """A cost along the run: against dynamic programming in plain loops, and in runs of a plant that shares no code."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import product
 from typing import Any
@@ -229,18 +228,21 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
     with pytest.raises(ValueError, match="table must be what sdhj"):
         sdhj.CostToGo(sdhj.Controller(made), "effort")  # type: ignore[arg-type]
     other = sdhj.solve(rooms(), progress=False, play=False)
-    with pytest.raises(ValueError, match=r"of another table: CostToGo\(table, ...\) for the controller's table"):
+    with pytest.raises(ValueError, match=r"of another table: use CostToGo\(table, ...\) of the controller's"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)
+    own = [sdhj.Controller(one, rule=sdhj.CostToGo(one, "effort", progress=False)) for one in (other, made)]
+    assert own[0].select([0.5, 1.0], 0) == own[1].select([0.5, 1.0], 0)
     for method in ("hji", sdhj.Certified([40, 30])):
         ever = sdhj.solve(rooms(target=None, steps=None), method, play=False, progress=False)
-        with pytest.raises(ValueError, match="lasts for ever has no sum: solve the problem with a number of steps"):
+        with pytest.raises(ValueError, match="lasts for ever has no sum: solve it with a number of steps"):
             sdhj.CostToGo(ever, "effort")
     staying = sdhj.solve(rooms(target=None, steps=5), play=False, progress=False)
     assert sdhj.Controller(staying, sdhj.CostToGo(staying, "effort", progress=False)).select([1.0, 1.0], 0) == 0
     with pytest.raises(ValueError, match="is that to a target, and the problem has none: use another cost"):
         sdhj.CostToGo(staying, "distance")
     with pytest.raises(ValueError, match="needs an unsafe set, unsafe under every input: use another cost"):
-        sdhj.CostToGo(sdhj.solve(replace(rooms(), unsafe=()), play=False, progress=False), "clearance")
+        sdhj.CostToGo(empty := sdhj.solve(rooms(unsafe=()), play=False, progress=False), "clearance")
+    sdhj.CostToGo(empty, "effort", progress=False)
     with pytest.raises(ValueError, match="rule must be one of deepest, effort"):
         sdhj.export_c(table("certified"), tmp_path, rule=sdhj.CostToGo(table("certified"), "effort"))  # type: ignore[arg-type]
     monkeypatch.setattr(memory, "available", lambda: (100_000, "are available"))

@@ -123,9 +123,7 @@ class CostToGo:
             option("cost", cost, tuple(COSTS))
         problem, grid = table.problem, table.problem.grid
         if problem.has_no_target and table.details.get("endless"):
-            raise ValueError(
-                "a cost along a run that lasts for ever has no sum: solve the problem with a number of steps"
-            )
+            raise ValueError("a cost along a run that lasts for ever has no sum: solve it with a number of steps")
         if cost == "distance" and problem.has_no_target:
             raise ValueError('the cost "distance" is that to a target, and the problem has none: use another cost')
         if cost == "clearance" and not any(one.inputs is None for one in problem.unsafe):
@@ -160,9 +158,7 @@ class CostToGo:
     def __call__(self, candidates: Candidates) -> FloatArray:
         """c_k(q, u) and J_{k+1}(q') of P candidates, added up or the larger: (P,)."""
         if candidates.problem is not self.problem:
-            raise ValueError(
-                "this cost to go is that of another table: CostToGo(table, ...) for the controller's table"
-            )
+            raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
         ends = candidates.successors
         sums, weights = (self.problem.grid.interpolate(one, ends) for one in self._values[candidates.step + 1])
         known = (weights >= LEAST_WEIGHT) & np.isfinite(weights)
