@@ -227,6 +227,8 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
             sdhj.CostToGo(made, cost)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="table must be what sdhj"):
         sdhj.CostToGo(sdhj.Controller(made), "effort")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="must return a score for each candidate"):
+        sdhj.CostToGo(made, lambda among: np.zeros(3), progress=False)
     other = sdhj.solve(rooms(), progress=False, play=False)
     with pytest.raises(ValueError, match=r"of another table: use CostToGo\(table, ...\) of the controller's"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)

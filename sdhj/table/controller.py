@@ -256,7 +256,8 @@ class Controller:
 
     def _within(self, step: int) -> int:
         """The steps to go by which inputs are judged where they are more than the fewest."""
-        return max(self.table.steps - step, 1) if self.all_left else 1
+        steps = self.table.steps
+        return max(steps - whole("step", step, least=0, most=steps), 1) if self.all_left else 1
 
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
@@ -267,7 +268,7 @@ class Controller:
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
         if not all(map(isfinite, state.tolist())):  # in a fourth of NumPy's time
             finite_array("a state", q)
-        step = whole("step", self._at(step), least=0, most=self.table.steps)
+        step = self._at(step)
         return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
@@ -467,7 +468,7 @@ class Controller:
         >>> controller.batch([[-2.1], [0.5]], 0).steps_to_go
         array([3, 0])
         """
-        step = whole("step", self._at(step), least=0, most=self.table.steps)
+        step = self._at(step)
         return self.table.batch(states, step, self._within(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
@@ -590,7 +591,7 @@ class Controller:
         scores = np.full(asked.shape, np.inf)
         rows, inputs = np.nonzero(asked)
         held = np.full(len(rows), -1) if before is None else np.asarray(before)[rows]
-        scores[asked] = self._scores(Candidates(self.problem, batch, rows, inputs, held))
+        scores[asked] = self.scores(Candidates(self.problem, batch, rows, inputs, held))
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
 
     def allowed(self, batch: Batch) -> FloatArray:
@@ -621,7 +622,7 @@ class Controller:
         safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.steps_after[rows])
         return safe
 
-    def _scores(self, candidates: Candidates) -> FloatArray:
+    def scores(self, candidates: Candidates) -> FloatArray:
         """The rule's score for each candidate, (P,); ValueError where it has another shape or a NaN."""
         if callable(self.rule):
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))

@@ -99,18 +99,19 @@ class CostToGo:
     ------
     ValueError
         If `table` is none or holds for ever without a target, where no sum ends; if the cost is unknown, or asks for a
-        target or an unsafe set that there is not.
+        target or an unsafe set that there is not, or does not return a number for each candidate.
     MemoryError
         If J would not fit into memory.
 
     Examples
     --------
-    The robot on a line of `help(sdhj)` needs 2 steps at 1 m/s. Of the 5 that it has, it waits for as long as it can:
-    each step costs what it is held at, and the adversary may push it away.
+    With the robot on a line of `help(sdhj)`, which needs 2 steps and has 5: it puts off what costs less later.
 
     >>> import sdhj
-    >>> frugal = sdhj.Controller(table, rule=sdhj.CostToGo(table, "effort", progress=False))
-    >>> problem.inputs[frugal.select([-1.6], 0)], problem.inputs[frugal.select([-1.6], 3)]
+    >>> def energy(among: sdhj.Candidates):
+    ...     return abs(problem.inputs[among.inputs, 0]) * 0.9**among.step
+    >>> later = sdhj.Controller(table, rule=sdhj.CostToGo(table, energy, progress=False))
+    >>> problem.inputs[later.select([-1.6], 0)], problem.inputs[later.select([-1.6], 3)]
     (array([0.]), array([1.]))
     """
 
@@ -128,7 +129,8 @@ class CostToGo:
             raise ValueError('the cost "distance" is that to a target, and the problem has none: use another cost')
         if cost == "clearance" and not any(one.inputs is None for one in problem.unsafe):
             raise ValueError('the cost "clearance" needs an unsafe set, unsafe under every input: use another cost')
-        self.problem, self.name = problem, f"cost to go of {cost if isinstance(cost, str) else cost.__name__}"
+        named = cost if isinstance(cost, str) else getattr(cost, "__name__", type(cost).__name__)
+        self.problem, self.name = problem, f"cost to go of {named}"
         self._cost = _Cost(cost) if callable(cost) else COSTS[cost]
         shape = (table.steps + 1, 2, grid.size)
         require(4 * int(np.prod(shape)), f"a cost to go at {grid.size:,} nodes and {table.steps + 1} steps")
@@ -151,8 +153,8 @@ class CostToGo:
         out[over] = self._cost.end(problem, states[over], problem.time(step))
         rows, inputs = np.nonzero(judge.allowed(batch) & ~over[:, None])
         if rows.size:
-            totals = self(Candidates(problem, batch, rows, inputs, np.full(len(rows), NOT_ADMISSIBLE)))
-            np.minimum.at(out, rows, totals)
+            asked = Candidates(problem, batch, rows, inputs, np.full(len(rows), NOT_ADMISSIBLE))
+            np.minimum.at(out, rows, judge.scores(asked))
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
@@ -164,5 +166,12 @@ class CostToGo:
         known = (weights >= LEAST_WEIGHT) & np.isfinite(weights)
         after = np.where(known, sums, np.inf) / np.where(known, weights, 1.0)
         after[self.problem.grid.beyond(ends, "frees")] = self._cost.nothing
-        joined: Any = self._cost.join(self._cost.of(candidates), after)
+        cost = np.asarray(self._cost.of(candidates))
+        if cost.shape != after.shape:  # as `Controller.scores` says
+            return cost
+        joined: Any = self._cost.join(cost, after)
         return np.asarray(joined)
+
+    def __repr__(self) -> str:
+        """As errors name it."""
+        return f"<CostToGo, {self.name}>"
