@@ -1,4 +1,4 @@
-"""Windows of what is projected away: their games against ends that are drawn, and between one window and the full game."""
+"""Windows of what is projected away: their games against ends that are drawn; one window, and one for each node."""
 
 import numpy as np
 import pytest
