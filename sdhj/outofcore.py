@@ -203,7 +203,7 @@ def task_bytes(plan: Plan) -> int:
             if game.axis is not None:
                 first, end = layout.span(middle)
                 grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
-            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
+            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.unsafe_set)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
     differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept
     played = (bytes_of_games(problem, one, plan.dtype, 12 if differences else one.ndim + 4) for one in windows)

@@ -163,7 +163,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
         playing: Any = games
         if own is not played or slabs > 1:
             playing = plan.make(own, counted=counted) if counted else plan.make(own)
-        each = [playing.operations(own.avoid_axes(danger.part), step, avoid=True) for step in looked]
+        each = [playing.operations(own.avoid_axes(danger.unsafe_set), step, avoid=True) for step in looked]
         once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
     whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
@@ -470,15 +470,18 @@ class GridSets:
         for kind, games in self.plan.avoid.items():
             if games and self.plan.former and (same := self._known(kind)) is not None:
                 self.arrays.arrays[kind] = same
-                met |= {id(game.danger.part) for game in games}
+                met |= {id(game.danger.unsafe_set) for game in games}
                 continue
             for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
                 found = self._do(Task(kind, step, step))
                 looked_at &= len(found) == self.plan.layout.slabs_of(kind)
-                met |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
-        for part in self.plan.problem.padded.unsafe if looked_at else ():  # else an earlier solve has seen the others
-            if id(part) not in met:
-                tell(never_met(part))
+                met |= {
+                    id(game.danger.unsafe_set) for one in found for game, has in zip(games, one, strict=True) if has
+                }
+        # where nothing was looked at, an earlier solve has seen the others
+        for unsafe_set in self.plan.problem.padded.unsafe if looked_at else ():
+            if id(unsafe_set) not in met:
+                tell(never_met(unsafe_set))
 
     def _known(self, kind: str) -> FloatArray | None:
         """The avoid tubes of a kind that a former solve has."""

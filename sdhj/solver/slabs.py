@@ -184,7 +184,7 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
     if axis not in danger.axes:
         return AvoidGame(danger)
     whole, place = danger.problem, danger.axes.index(axis)
-    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
+    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.unsafe_set)
     counted = time_steps(method, whole, axes)
     halo = avoid_halo(method.on(whole), axes, cut, counted)
     return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)
