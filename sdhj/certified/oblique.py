@@ -22,7 +22,7 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds, within_grid
 from sdhj.certified.cells import DRIFT, CellAxis
-from sdhj.formulas.formula import Ends
+from sdhj.formulas.formula import Ends, Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
 from sdhj.problem.problem import ReachAvoidProblem
@@ -64,15 +64,16 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     dynamics, found = problem.dynamics, list[FloatArray]()
     if problem.sensing or not dynamics.formulas:
         return np.zeros((0, len(axes)))
-    still = dynamics.gain is not None and all(one.op == "const" for one in dynamics.gain.outputs)
+    gain = dynamics.gain
+    still = gain if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs) else None
     for pair in combinations(np.flatnonzero(~depends).tolist(), 2):
         own_pair = list(pair)
         if not (max(dynamics.cuts(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
             continue
         some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
-        if still:
-            gain = np.array([one.value for one in dynamics.gain.outputs]).reshape(dynamics.gain.shape)[:, own_pair]
-            columns = np.moveaxis(gain, 1, 2).reshape(-1, 2)
+        if still is not None:
+            entries = np.array([one.value for one in still.outputs]).reshape(still.shape)[:, own_pair]
+            columns = np.moveaxis(entries, 1, 2).reshape(-1, 2)
             some += [np.array([b, -a]) for a, b in columns.tolist() if a and b]
         else:
             angles, widths = np.pi / FAN * np.arange(FAN), [float(axes[k].width) for k in pair]

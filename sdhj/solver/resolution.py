@@ -87,8 +87,7 @@ def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
-    parts = [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
-    for part in parts:
+    for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
     tell(_eaten(problem))

@@ -362,8 +362,7 @@ class LookupTable(Table):
     @cached_property
     def _all_formulas(self) -> bool:
         """Whether no level-set function is a black box, so that compiled code can play them."""
-        sets = (*self.problem.unsafe, self.problem.target)
-        return not any(isinstance(one.level_set, BlackBox) for one in sets)
+        return not any(isinstance(one.level_set, BlackBox) for one in self.problem.all_sets)
 
     @kept
     def _tapes(self) -> Any:
