@@ -180,6 +180,7 @@ class Drawing:
     """The lines of a proof's images, put together place by place."""
 
     def __init__(self, proof: Any) -> None:
+        """No lines yet, along the normals of a proof that is being prepared."""
         self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
         self.halo: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)

@@ -109,6 +109,7 @@ class Body:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
+        """Check vertices, radius and pose; ValueError where one does not fit."""
         vertices = finite_array("vertices of a body", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
             raise ValueError(f"vertices of a body must have shape (K, 2), one of them at least, got {vertices.shape}")

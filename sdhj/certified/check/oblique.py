@@ -63,6 +63,7 @@ class Lines:
     """The lines of a file; ValueError where they do not fit its moves, low and high (starts, L, places, ndim)."""
 
     def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+        """Read and check what the proof's part of a file states, and the lines among its arrays."""
         ndim = robot.grid.ndim
         given, halo = stated["normals"], stated["halo"]
         fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
