@@ -465,7 +465,7 @@ class GridSets:
         return plan
 
     def _avoid_tubes(self) -> None:
-        """The avoid tubes: once for static unsafe sets, for each step for moving ones."""
+        """Fill in the avoid tubes, of moving sets for each step, else once; warn of sets that no node ever meets."""
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
             if isinstance(self.arrays, Memory) and games and (same := self._known(kind)) is not None:
