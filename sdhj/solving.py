@@ -126,8 +126,7 @@ def solve(
         tell(*suspicions(problem))
         sets = _filled(problem, method, progress, most)
         table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
-        said = _rehearsed(table) if play else {}
-        said |= {"findings": [list(one[:3]) for one in found]} if found else {}
+        said = (_rehearsed(table) if play else {}) | ({"findings": [list(one[:3]) for one in found]} if found else {})
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table
 
 
