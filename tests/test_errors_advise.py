@@ -333,10 +333,10 @@ CASES = {
         lambda to: recorded(line().dynamics, 0.5),
         lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
     ),
-    "a controller that remembers": (
-        "is not exported, as the file has no images: use memory=False",
-        lambda to: exported_with(to, memory=True),
-        lambda to: exported_with(to, memory=False),
+    "a loop of a table that forgets": (
+        r"only tables solved with Sensing\(..., memory=True\) have a loop; ask select and filter",
+        lambda to: exported_with(to, memory=False).loop(1),
+        lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
     ),
     "no run can start": (
         "so no run can start from it; use",

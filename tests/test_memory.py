@@ -152,9 +152,7 @@ def test_a_solve_says_which_error_eats_the_set():
         solved(0.01, cells=(40, 40), memory=False)
 
 
-def test_what_cannot_remember_says_so(fast, tmp_path):
-    with pytest.raises(ValueError, match="a controller that remembers is not exported"):
-        sdhj.export_c(fast, tmp_path)
+def test_memory_is_true_or_false():
     with pytest.raises(ValueError, match="memory must be True or False"):
         sdhj.Sensing(0.1, memory="yes")
 

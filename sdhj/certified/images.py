@@ -286,6 +286,18 @@ class Images(Proof):
         first, last = moves.lines[j, place, number].T
         return np.asarray((cell[-1] + first <= cells[:, -1]) & (cells[:, -1] <= cell[-1] + last))
 
+    @cached_property
+    def depends(self) -> FloatArray:
+        """Which axes the image along each axis depends on, cells of one place apart: bool (ndim, ndim)."""
+        ndim, own = len(self.axes), self.strides > 0
+        moves = np.stack([self.low, self.high], axis=-1).reshape(
+            *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
+        )
+        out = np.zeros((ndim, ndim), np.bool_)
+        for k in np.flatnonzero(own).tolist():
+            out[:, k] = (moves != moves.take([0], 2 + k)).any(axis=(*range(2 + ndim), ndim + 3))
+        return out
+
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
         moves, places = self.moves(step), self.places(some)

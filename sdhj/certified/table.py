@@ -241,6 +241,16 @@ class CertifiedTable(Table):
 
         Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
         """
+        low, high = np.full((2, *points.shape), np.nan)  # off the grid
+        rows, begin, end = self.led(points, inputs, step)
+        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
+        return low, high, self.proof.prediction_error
+
+    def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The cells of `next_bounds`, of the points that are on the grid: rows (R,), the first and the last (R, ndim).
+
+        Of the cells in which an input is proved it goes by the one with the fewest steps to go.
+        """
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
         some = cells_near(points, self.cells, self.proof.shell, rows, cells)
@@ -249,21 +259,20 @@ class CertifiedTable(Table):
         held = fewest <= left
         aheads = [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
         good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
-        order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
+        nearest = np.where(good[0], aheads[0], left + 1)
+        order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
-        low, high = np.full((2, count, ndim), np.nan)  # off the grid
-        rows, ends = rows[firsts], self.proof.image(cells[firsts], inputs[rows[firsts]], step)
-        begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in ends)
-        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
-        return low, high, self.proof.prediction_error
+        return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """Where edges of such numbers (M, ndim) are, those of periodic axes counted on over the seam: (M, ndim)."""
-        counts = self.cells.counts
-        laps = np.where(self.cells.periodic, numbers // counts, 0)
-        at = np.where(self.cells.periodic, numbers % counts, numbers)
-        edges = [axis.edges()[own] for axis, own in zip(self.axes, at.T, strict=True)]
-        return np.stack(edges, axis=1) + laps * self.cells.length
+        """Where cells of such numbers (M, ndim) begin, those of periodic axes counted on over the seam: (M, ndim).
+
+        By the same operations as `sdhj_edge` in C, so that both carry on the same points.
+        """
+        cells, counts = self.cells, self.cells.counts
+        laps = np.where(cells.periodic, numbers // counts, 0)
+        edges = cells.lower + laps * cells.length + (numbers - laps * counts) * cells.width
+        return np.where(cells.periodic, edges, np.clip(edges, self.grid.lower, self.grid.upper))
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""

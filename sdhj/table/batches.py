@@ -418,7 +418,7 @@ class Table:
         """
         low, high, off = self.next_bounds(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
-        turns = np.where(periodic, np.round((seen - (low + high) / 2) / length), 0.0) * length
+        turns = np.where(periodic, np.floor((seen - (low + high) / 2) / length + 0.5), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
         far = 2 * off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown

@@ -11,11 +11,12 @@ import digest_cases
 import forged_robots
 import numpy as np
 import pytest
+import test_memory
 import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.export import FIELDS, STATUS
+from sdhj.certified.export import FIELDS, STATUS, images_of
 from sdhj.simulation.runs import admissible_states
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
@@ -45,6 +46,10 @@ def senses():
     return replace(digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03)))
 
 
+def remembering(problem, error, **sensing):
+    return replace(problem, sensing=sdhj.Sensing(error, memory=True, **sensing))
+
+
 def oddly_named():
     names = ["*/ #error", "\u03b8 \\"]
     problem = toys.torus_problem()
@@ -68,6 +73,23 @@ CASES = {
     "for ever": (
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
+    ),
+    "joint, remembering": (lambda: test_memory.joint(0.02, jitter=0.001), sdhj.Certified(cells=(100, 100), parts=4)),
+    "torus, remembering": (
+        lambda: remembering(toys.torus_problem(), 0.05),
+        sdhj.Certified(cells=(40, 40), parts=4),
+    ),
+    "car, remembering": (
+        lambda: remembering(toys.unicycle_problem(), (0.01, 0.01, 0.02)),
+        sdhj.Certified(cells=(30, 30, 38), parts=4),
+    ),
+    "tide, remembering": (
+        lambda: remembering(digest_cases.tide(turning=True), 0.02),
+        sdhj.Certified(cells=(32, 24), parts=3),
+    ),
+    "arm, remembering": (
+        lambda: remembering(digest_cases.CASES["arm, certified"].problem(), 0.005),
+        sdhj.Certified(cells=(36, 36, 9, 9), parts=4),
     ),
     "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
 }
@@ -163,6 +185,88 @@ def test_a_thousand_inputs_are_solved_certified_verified_and_exported(tmp_path):
     controller = sdhj.Controller(sdhj.solve(problem, progress=False))
     chosen = controller.batch(admissible_states(controller, 1000, np.random.default_rng(0)), 0).best
     assert chosen.min() >= 0 and chosen.max() > 255
+
+
+REMEMBERING = [name for name in CASES if name.endswith("remembering")]
+
+
+@pytest.mark.parametrize("name", REMEMBERING)
+def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
+    """The same inputs and the same points, bit for bit, of a crowd of which nobody cares where it is led.
+
+    The states jump: by nothing, by errors, to where nothing led, laps away, off the grid.
+    """
+    table, c, rng = solved(name), exported(name), np.random.default_rng(0)
+    controller, count, problem = sdhj.Controller(table), 400, table.problem
+    states = states_of(table, 4 * count)
+    states = np.concatenate([states[table.contains(states)], states])[:count]
+    error, low, high = np.broadcast_to(problem.sensing.error, states.shape[1:]), *np.array([problem.grid.lower, problem.grid.upper])
+    loop, known, inputs, told = c.loop(count), None, None, 0
+    for step in range(min(table.steps, 8) if not problem.time_invariant else 8):
+        at = 0 if problem.time_invariant else step
+        measured = states + rng.choice([-1.0, 0.3, 1.0], states.shape) * error
+        seen = controller.predict(measured, None, at)
+        wanted = rng.integers(0, len(problem.inputs), count) if step % 2 else None
+        status, chosen, points, missed = loop.step(measured, at, wanted)
+        if known is not None:
+            seen, lost = table.next_points(known, inputs, before, seen)
+            assert np.array_equal(missed, lost)
+            told += int(lost.sum())
+        assert np.array_equal(points, seen)
+        if wanted is None:
+            ours = controller.choose(controller.batch(seen, at))
+            assert np.array_equal(ours[status == 0], chosen[status == 0]) and not (ours[status < 0] >= 0).any()
+        else:
+            answer = controller.filter(seen, at, wanted)
+            assert np.array_equal(status == 0, answer.promised)
+            assert np.array_equal(answer.inputs[status == 0], chosen[status == 0])
+        known, inputs, before = seen, chosen, at
+        moves = problem.interval(at).displacements(states)
+        states = states + moves[np.arange(count) if len(moves) > 1 else 0, inputs]
+        thrown, laps = rng.random((2, count, 1)) < 0.05
+        states = np.where(thrown, rng.uniform(low - 0.1, high + 0.1, states.shape), states)
+        states += laps * rng.integers(-2, 3, states.shape) * np.where(problem.grid.periodic, high - low, 0.0)
+    assert told
+
+
+def test_nobody_whom_c_remembers_is_lost(exported):
+    """A joint at 50 Hz, 200 runs for 4 s pushed towards its stop, errors at their most: none lost, none without input."""
+    table, rng = solved("joint, remembering"), np.random.default_rng(1)
+    q = rng.uniform([-1, -2], [1, 2], (5000, 2))
+    states = q[table.contains(q)][:200]
+    loops = exported("joint, remembering", only=("filter",)).loop(200), exported("joint, remembering", only=("select",)).loop(200)
+    for loop, wanted in zip(loops, (np.full(200, 4), None), strict=True):
+        own = states.copy()
+        for _ in range(200):
+            status, inputs, points, missed = loop.step(test_memory.measured(own, rng), 0, wanted)
+            assert (status == 0).all() and not missed.any()
+            assert (np.abs(points - own) <= test_memory.ERROR + 1e-12).all()
+            own, hit = test_memory.moved(own, test_memory.LEVELS[inputs, 0], 0.02, rng)
+            assert not hit.any()
+        assert wanted is None or own[:, 0].max() > 0.9
+
+
+def test_what_begins_anew_in_c_is_told(exported):
+    c = exported("joint, remembering")
+    loop = c.loop(3)
+    states = np.array([[0.5, 0.1], [0.0, 0.0], [np.nan, 0.0]])
+    assert loop.step(states)[0].tolist() == [0, 0, -4]
+    states[0, 0] -= 0.3  # somebody has pushed it
+    states[2, 0] = 0.0
+    status, _, points, missed = loop.step(states)
+    assert missed.tolist() == [True, False, True] and status.tolist() == [0, 0, 0]
+    assert np.array_equal(points[::2], states[::2])
+    assert not loop.step(points)[3].any()
+
+
+def test_images_make_a_file_larger_by_what_is_said(exported):
+    """4 bytes an axis, an input and a cell of the axes that images depend on."""
+    table, c = solved("joint, remembering"), exported("joint, remembering")
+    assert c.data[8] == 2 and int.from_bytes(c.data[80:84], "little") == 1
+    _, reads, images = images_of(table)
+    assert reads == [2, 2] and sum(one.nbytes for one in images) == 4 * 2 * 5 * table.shape[1]
+    assert b"".join(one.tobytes() for one in images) in c.data
+    assert exported("torus").data[8] == 1 and exported("torus").data[80:84] == bytes(4)  # as it was before
 
 
 @pytest.mark.parametrize("rule", ["effort", "target", "clearance"])
