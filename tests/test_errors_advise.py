@@ -400,11 +400,6 @@ CASES = {
             replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6)),
         ),
     ),
-    "an agent that cannot see": (
-        "use a table solved without sensing",
-        lambda to: agent(sensing=sdhj.Sensing(0.1)),
-        lambda to: agent(),
-    ),
     "a run that is over": (
         r"the run is over; call reset\(\)",
         lambda to: agent().step(0),

@@ -340,18 +340,17 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 
     Each is (steps, L, places, 2) int16: the first and the last cell, less the cell's own number.
     """
-    problem, shape = table.problem, table.shape
+    problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
     for axis, reads in enumerate(table.proof.depends):
-        some = [axis for axis in range(len(shape)) if reads[axis]]
-        at = np.indices([shape[k] for k in some]).reshape(len(some), -1)
-        cells = np.zeros((at.shape[1] if some else 1, len(shape)), np.int64)
-        cells[:, some] = at.T
+        cells = (
+            np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
+        )  # the first on the others
         own = np.empty((starts, len(problem.inputs), len(cells), 2), "<i2")
         for step, j in np.ndindex(own.shape[:2]):
             first, last = table.proof.image(cells, np.full(len(cells), j), step)
             own[step, j] = np.stack([first, last], axis=1)[:, :, axis] - cells[:, None, axis]
-        masks.append(sum(1 << k for k in some))
+        masks.append(int(reads @ (1 << np.arange(len(reads)))))
         images.append(own)
     return starts, masks, images
 

@@ -74,6 +74,7 @@ CASES = {
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
     ),
+    "line, remembering": (lambda: remembering(toys.interval_problem(), 0.05), sdhj.Certified(cells=(80,))),
     "joint, remembering": (lambda: test_memory.joint(0.02, jitter=0.001), sdhj.Certified(cells=(100, 100), parts=4)),
     "torus, remembering": (
         lambda: remembering(toys.torus_problem(), 0.05),
@@ -87,13 +88,15 @@ CASES = {
         lambda: remembering(digest_cases.tide(turning=True), 0.02),
         sdhj.Certified(cells=(32, 24), parts=3),
     ),
+    "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
+}
+FINER = {
     "arm, remembering": (
         lambda: remembering(digest_cases.CASES["arm, certified"].problem(), 0.005),
         sdhj.Certified(cells=(36, 36, 9, 9), parts=4),
     ),
-    "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
+    "arm, finer": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method),
 }
-FINER = {"arm, finer": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method)}
 
 
 @cache
@@ -190,7 +193,7 @@ def test_a_thousand_inputs_are_solved_certified_verified_and_exported(tmp_path):
 REMEMBERING = [name for name in CASES if name.endswith("remembering")]
 
 
-@pytest.mark.parametrize("name", REMEMBERING)
+@pytest.mark.parametrize("name", [*REMEMBERING, pytest.param("arm, remembering", marks=pytest.mark.slow)])
 def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
     """The same inputs and the same points, bit for bit, of a crowd of which nobody cares where it is led.
 
@@ -200,7 +203,10 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
     controller, count, problem = sdhj.Controller(table), 400, table.problem
     states = states_of(table, 4 * count)
     states = np.concatenate([states[table.contains(states)], states])[:count]
-    error, low, high = np.broadcast_to(problem.sensing.error, states.shape[1:]), *np.array([problem.grid.lower, problem.grid.upper])
+    error, low, high = (
+        np.broadcast_to(problem.sensing.error, states.shape[1:]),
+        *np.array([problem.grid.lower, problem.grid.upper]),
+    )
     loop, known, inputs, told = c.loop(count), None, None, 0
     for step in range(min(table.steps, 8) if not problem.time_invariant else 8):
         at = 0 if problem.time_invariant else step
@@ -234,7 +240,10 @@ def test_nobody_whom_c_remembers_is_lost(exported):
     table, rng = solved("joint, remembering"), np.random.default_rng(1)
     q = rng.uniform([-1, -2], [1, 2], (5000, 2))
     states = q[table.contains(q)][:200]
-    loops = exported("joint, remembering", only=("filter",)).loop(200), exported("joint, remembering", only=("select",)).loop(200)
+    loops = (
+        exported("joint, remembering", only=("filter",)).loop(200),
+        exported("joint, remembering", only=("select",)).loop(200),
+    )
     for loop, wanted in zip(loops, (np.full(200, 4), None), strict=True):
         own = states.copy()
         for _ in range(200):

@@ -57,7 +57,11 @@ class Words:
         self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
         self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
         self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
-        fits = version == 1 + (self.leads > 0) and not (periodic >> 8 + ndim).any() and (self.leads or periodic.max() < 256)
+        fits = (
+            version == 1 + (self.leads > 0)
+            and not (periodic >> 8 + ndim).any()
+            and (self.leads or periodic.max() < 256)
+        )
         expect(fits, "only a table of version 2 has images", self.leads)
         self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
         self.delta = reals[36]
@@ -149,7 +153,9 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
             if isinstance(sets, Arm):
                 same = _led_as_an_arm(said, sets, axis, j)
             else:
-                proved = [of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)]
+                proved = [
+                    of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)
+                ]
                 same = all(np.array_equal(*np.broadcast_arrays(said[..., side], proved[side])) for side in (0, 1))
             if not same:
                 yield f"start {start}, input {j}, axis {axis}"

@@ -134,7 +134,7 @@ def test_two_words_that_change_places_are_refused(tmp_path):
     assert failed(robot(), signed(data), tmp_path)
 
 
-@pytest.mark.parametrize("table", [joint, remembering_arm])
+@pytest.mark.parametrize("table", [joint, pytest.param(remembering_arm, marks=pytest.mark.slow)])
 def test_images_are_what_is_proved_and_nothing_else(tmp_path, table):
     """A cell short the state may be elsewhere; a cell more, and it is led to where nothing is proved."""
     data, rng = exported_of(table()), np.random.default_rng(0)
