@@ -114,6 +114,16 @@ def standing(*, ends=("wall", "wall"), periodic=False, steps=20, most=1.0):
     return replace(cart(brakes=3.0 * most), grid=grid, steps=steps)
 
 
+def noisy(*, memory=True):
+    """The cart that stands still where it brakes, measured with errors, and its controller remembers.
+
+    From the lowest cell of full width it brakes to half a shell above the wall, too far to be held there.
+    """
+    grid = sdhj.Grid([-1.0, 0.0], [1.0, 1.0], [21, 21], ends=["unsafe", "wall"])
+    sensing = sdhj.Sensing((0.02, 0.05 + 5e-11), memory=memory)
+    return replace(cart(brakes=0.95), grid=grid, steps=20, sensing=sensing)
+
+
 def rail():
     """The cart of the recipes, for ever: where its speed is from 0 inwards it leaves no end of the rail."""
     speeds = sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [81, 81])
@@ -293,6 +303,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "cart": (cart, (20, 20), 1),
     "rail": (rail, (80, 80), 10),
     "standing": (standing, (40, 10), 2),
+    "noisy": (noisy, (40, 10), 2),
     "standing soon": (lambda: standing(most=10.0), (40, 10), 1),
     "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
@@ -584,6 +595,15 @@ FORGERIES: dict[str, Forgery] = {
         both(shifts("low", 1, j=1, place=11, axis=1), shifts("high", 1, j=1, place=11, axis=1)),
     ),
     "braking without a cell more": Forgery("standing", MOVES, shifts("high", -1, j=0, place=1)),
+    "half a shell above a wall": Forgery(
+        "noisy", MOVES, both(shifts("low", -1, j=0, place=1, axis=1), shifts("high", -1, j=0, place=1, axis=1))
+    ),
+    "half a shell below a wall": Forgery(
+        "noisy", MOVES, both(shifts("low", 1, j=2, place=10, axis=1), shifts("high", 1, j=2, place=10, axis=1))
+    ),
+    "a measurement that errs nowhere": Forgery(
+        "noisy", MOVES, both(shifts("low", 1, j=1, place=5, axis=1), shifts("high", -1, j=1, place=5, axis=1))
+    ),
     # predictions
     "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
     "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),

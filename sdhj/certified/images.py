@@ -32,7 +32,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, sees_walls, unknown
 from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
@@ -149,7 +149,7 @@ class Proof:
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code."""
-        return cells_of(self.axes, self.rows)
+        return cells_of(self.axes, self.rows, not sees_walls(self.problem))
 
     @kept
     def shell(self) -> FloatArray:
@@ -237,6 +237,12 @@ class Images(Proof):
     def layered(self) -> bool:
         """Whether an axis has layers."""
         return any(any(axis.layers) for axis in self.axes)
+
+    @kept
+    def layers(self) -> FloatArray:
+        """Where layers are, (2, ndim); infinite where there are none."""
+        edges = np.array([axis.edges()[[0, -1]] for axis in self.axes]).T
+        return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
 
     @property
     def _always(self) -> tuple[float, float]:
@@ -380,8 +386,8 @@ class Images(Proof):
         carried along a cell begins as a point and the velocity is bounded wherever it may be.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
-        # obligation 2.6
-        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.prediction_error)
+        off = SIDES * self._off(start)
+        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + off)  # obligation 2.6
         length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
@@ -404,11 +410,29 @@ class Images(Proof):
         last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.prediction_error
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
+    def _off(self, start: FloatArray) -> FloatArray:
+        """E of boxes (2, M, ndim), by which the state of who is there may be off: (M, ndim). Not along a layer."""
+        if not self.problem.sensing.memory:
+            return np.broadcast_to(self.prediction_error, start.shape[1:])
+        # obligation 2.60
+        in_layer = (start[1] <= self.layers[0] + self.shell) | (start[0] >= self.layers[1] - self.shell)
+        return np.where(in_layer, 0.0, self.prediction_error)
+
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
-        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing."""
-        last = last - SIDES * self.prediction_error  # obligation 2.8
-        low, high = start + last
-        return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)  # obligation 2.9
+        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing.
+
+        All of what is held at a wall as a whole, which is known there; and nothing else comes as near to it as a layer.
+        """
+        (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
+        held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
+        less = last - SIDES * self.prediction_error  # obligation 2.8
+        low, high = start + less
+        middle = (low + high) / 2 - start
+        less = np.where((low > high) & (self.strides > 0), middle, less)  # obligation 2.9
+        beside = self.shell + 2 * drift
+        less[1] = np.maximum(less[1], walls[0] + beside - start[1])  # obligation 2.61
+        less[0] = np.minimum(less[0], walls[1] - beside - start[0])  # obligation 2.62
+        return np.where(held, last, less)
 
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]

@@ -57,6 +57,7 @@ typedef struct {
   uint32_t word_bytes, number_of_words, id_bytes, index_bytes, at_bytes, blocks, number_of_bodies, number_of_tests;
   uint32_t count[6], side[6], grid[6]; /* cells, of a block, blocks */
   uint32_t periodic[6], layers[6], safe_ends[6];  /* bits of the last two: lower end 1, upper end 2 */
+  int told;       /* measurements err, and a layer is for points that are known to be at a wall */
   uint32_t leads; /* steps whose images differ, 0 where there are none */
   uint32_t reads[6], begins[6]; /* axes that an image along one depends on, as bits; where those of an axis begin */
 #ifndef SDHJ_NO_FLOAT
@@ -251,6 +252,7 @@ static inline int sdhj_axes_fit(sdhj_table *t, const uint8_t *file) {
     if (!sdhj_between(t->slack[axis], 0.0, t->length[axis])) return 0;
     if (!sdhj_between(t->lower[axis], -1e300, 1e300) || !sdhj_between(t->upper[axis], t->lower[axis], 1e300)) return 0;
     if (!sdhj_between(t->width[axis], 1e-300, 1e300) || !sdhj_between(t->length[axis], t->width[axis] / 2, 1e300)) return 0;
+    t->told |= t->leads > 0u && t->error[axis] > 0.0;
     if (!sdhj_between(t->error[axis], 0.0, 1e300) || t->width[axis] * t->count[axis] < t->length[axis] * 0.999999) return 0;
   }
   t->delta = sdhj_f64(file + 544);
@@ -332,7 +334,7 @@ static inline double sdhj_floor(double value) { /* of less than 1e15 */
 }
 
 static inline double sdhj_clipped(const sdhj_table *t, uint32_t axis, double x) {
-  const double upper = t->upper[axis], lower = t->lower[axis];
+  const double upper = t->upper[axis], lower = t->lower[axis] + (t->layers[axis] & 1u ? t->width[axis] : 0.0);
   return t->periodic[axis] ? x : x < lower ? lower : x > upper ? upper : x;
 }
 
@@ -378,6 +380,16 @@ static inline sdhj_status sdhj_place_of(const sdhj_table *t, const double *point
     first = below / t->width[axis], last = above / t->width[axis];
     first = first < 0.0 ? 0.0 : first > most ? most : first;
     last = last < 0.0 ? 0.0 : last > most ? most : last;
+    if (t->told) { /* a layer is for points that say so, behind the wall by half the slack */
+      if (t->layers[axis] & 1u) {
+        if (offset < begin - slack / 4.0) last = 0.0;
+        else first = first < 1.0 ? 1.0 : first, last = last < 1.0 ? 1.0 : last;
+      }
+      if (t->layers[axis] & 2u) {
+        if (offset > end + slack / 4.0) first = most;
+        else first = first > most - 1.0 ? most - 1.0 : first, last = last > most - 1.0 ? most - 1.0 : last;
+      }
+    }
     place->first[axis] = t->periodic[axis] && below < 0.0 ? t->count[axis] - 1u : (uint32_t)first;
     place->last[axis] = t->periodic[axis] && above >= length ? 0u : (uint32_t)last;
   }
@@ -603,6 +615,12 @@ static inline double sdhj_edge(const sdhj_table *t, uint32_t axis, int64_t numbe
   return sdhj_clipped(t, axis, edge);
 }
 
+static inline double sdhj_behind(const sdhj_table *t, uint32_t axis, int lower) { /* the point of a layer */
+  const double end = t->layers[axis] & 2u ? t->length[axis] - t->width[axis] : t->length[axis];
+  if (lower) return t->lower[axis] + t->width[axis] - 0.5 * t->slack[axis];
+  return t->lower[axis] + end + 0.5 * t->slack[axis];
+}
+
 /* The cell of a place that speaks for an input: of those in which it is proved that with the fewest steps to go. */
 static inline void sdhj_claimed(const sdhj_table *t, uint32_t step, const sdhj_place *place, uint32_t input, uint32_t *best) {
   uint32_t cell[SDHJ_AXES], least = UINT32_MAX;
@@ -635,7 +653,7 @@ static inline sdhj_status sdhj_remember(const sdhj_table *t, sdhj_memory *memory
   memory->missed = 0;
   for (axis = 0; status == SDHJ_OK && axis < t->axes; axis++) {
     const double low = memory->low[axis], high = memory->high[axis], length = t->upper[axis] - t->lower[axis];
-    const double far = 2.0 * t->error[axis] + 10.0 * t->slack[axis], x = seen[axis];
+    const double far = (low < high ? 2.0 : 1.0) * t->error[axis] + 10.0 * t->slack[axis], x = seen[axis];
     double near = x, laps;
     volatile double turned;
     point[axis] = x;
@@ -664,6 +682,8 @@ static inline void sdhj_applied(const sdhj_table *t, sdhj_memory *memory, uint32
   for (axis = 0; axis < t->axes; axis++) {
     sdhj_image(t, step, cell, input, axis, &first, &last);
     memory->low[axis] = sdhj_edge(t, axis, first), memory->high[axis] = sdhj_edge(t, axis, last + 1);
+    if (first == last && ((t->layers[axis] & 1u && first == 0) || (t->layers[axis] & 2u && first == (int64_t)t->count[axis] - 1)))
+      memory->low[axis] = memory->high[axis] = sdhj_behind(t, axis, first == 0);
   }
 }
 

@@ -46,7 +46,9 @@ The obligations of the proof, where each is met, and the test in tests/certified
     the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`, `unknown`. With memory a
     cell holds
     the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
-    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`).
+    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`). What is
+    held at a wall as a whole is known there: the state of a layer is not widened along its axis, and no point but one
+    that says so is in it (`Cells.told`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
@@ -89,6 +91,8 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
     10   moves, tubes and goals of predictions              "one measurement that errs", "a goal beside an error"
     10   points that are carried on, with memory alone      "errors that are forgotten", "images shrunk by too much",
                                                             "a middle that is elsewhere"
+    10   layers, for who remembers to be there              "a measurement that errs nowhere",
+                                                            "half a shell above a wall", "half a shell below a wall"
     10   a clock that is off                                "no early end", "a post beside an uncertain clock"
 
 Images that are lines have a table of their own, and forgeries, in tests/certified/test_oblique.py.

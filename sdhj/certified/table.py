@@ -174,7 +174,7 @@ class CertifiedTable(Table):
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
-            if spare[0] > 0:  # all of a box that is no wider than a layer's shell is in the layer
+            if spare[0] > 0 and not cells.told:  # all of a box that is no wider than a layer's shell is in the layer
                 at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
                 for at_wall, layer, place in zip(
                     at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
@@ -244,7 +244,12 @@ class CertifiedTable(Table):
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.led(points, inputs, step)
         low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
-        return low, high, self.proof.prediction_error
+        cells, behind = self.cells, 0.5 * self.proof.shell  # a wall: the one point of a layer
+        lower, length = cells.lower + cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
+        for layer, number, point in ((0, 0, lower - behind), (1, cells.counts - 1, cells.lower + length + behind)):
+            known = (cells.layers[layer] == 1) & (begin == number) & (end == number)
+            low[rows], high[rows] = (np.where(known, point, one[rows]) for one in (low, high))
+        return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 
     def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The cells of `next_bounds`, of the points that are on the grid: rows (R,), the first and the last (R, ndim).

@@ -389,7 +389,9 @@ class Table:
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Between what points a controller goes on that remembers, two (M, ndim), and E, (ndim,).
+        """Between what points a controller goes on that remembers, and how far off measurements may be: (M, ndim).
+
+        Of the last one also (ndim,). It is 2 E, or E where the state is known to be at a wall.
 
         points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
         """
@@ -405,7 +407,7 @@ class Table:
                 states = interval.advance(states, inputs, still, t, length / STRIDES)
             ends.append(states)
         low, high = np.min(ends, axis=0) - problem.error_growth, np.max(ends, axis=0) + problem.error_growth
-        return self.grid.clipped(low), self.grid.clipped(high), problem.half_widths[0]
+        return self.grid.clipped(low), self.grid.clipped(high), 2 * problem.half_widths[0]
 
     def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
@@ -420,7 +422,7 @@ class Table:
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
         turns = np.where(periodic, np.floor((seen - (low + high) / 2) / length + 0.5), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
-        far = 2 * off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        far = off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown
         lost = ~held.all(axis=1)
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost

@@ -276,7 +276,8 @@ class Robot(Sets):
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
-        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * self.off)  # check 3.9
+        off = np.where(self.known_at_wall(places), 0.0, self.off)
+        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
         for part in range(self.parts):
             a, b = moved
@@ -292,11 +293,24 @@ class Robot(Sets):
         last = np.stack([least, most]) if self.jitter else moved
         if not self.sensing.memory:  # check 3.11
             return swept, held(last + OUTWARD * self.off)  # check 3.10
-        first, second = (
-            at + last - OUTWARD * self.off
-        )  # what is carried on is that much farther inside, or in the middle
+        # what is carried on is that much farther inside, or in the middle
+        first, second = at + last - OUTWARD * self.off
         middle = (first > second) & self.known  # check 3.13
-        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))  # check 3.12
+        points = np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off)  # check 3.12
+        whole = np.array(self.layers, np.bool_).T
+        low, high = at + last
+        beside = self.near + STICKS_OUT * self.scale  # what is so near to a wall is in its layer
+        at_wall = (whole[0] & (high <= grid.lower + beside)) | (whole[1] & (low >= grid.upper - beside))
+        beside += STICKS_OUT * self.scale
+        points[1] = np.maximum(points[1], np.where(whole[0], grid.lower + beside - at[1], -np.inf))  # check 3.81
+        points[0] = np.minimum(points[0], np.where(whole[1], grid.upper - beside - at[0], np.inf))  # check 3.82
+        return swept, held(np.where(at_wall, last, points))
+
+    def known_at_wall(self, places: Array) -> Array:
+        """Along which axes who remembers to be in a cell at places (M,) knows the state: it is a layer, (M, ndim)."""
+        cells, layers = self.cells_at(places), np.array(self.layers, np.bool_).T
+        at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
+        return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
