@@ -211,7 +211,10 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
     None where measurements err and nobody remembers: then it is not known whether a state is at the wall.
     """
-    grid, known = problem.grid, (problem.sensing.memory or sees_walls(problem)) and problem.dynamics.reads[:, axis].any()
+    grid, known = (
+        problem.grid,
+        (problem.sensing.memory or sees_walls(problem)) and problem.dynamics.reads[:, axis].any(),
+    )
     # obligation 1.3
     lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
     return lower, upper

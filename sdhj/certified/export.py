@@ -466,10 +466,9 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_COMPONENTS {inputs.shape[1]} /* of an input */",
         f"#define SDHJ_ROBOT_MASK_BYTES {-(-len(inputs) // 8)} /* of inputs as bits */",
         f"#define SDHJ_ROBOT_STEPS {table.steps}",
-        f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may go on without "
-        f"end */#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
-        f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.memory)} /* 1: a loop asks sdhj_step, which carries what the "
-        "state can be from measurement to measurement */",
+        f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may have no end */",
+        f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
+        f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.memory)} /* 1: the loop is sdhj_step, with a memory */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
         *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",

@@ -246,8 +246,8 @@ class CertifiedTable(Table):
         low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
         cells, behind = self.cells, 0.5 * self.proof.shell  # a wall: the one point of a layer
         lower, length = cells.lower + cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
-        for layer, number, point in ((0, 0, lower - behind), (1, cells.counts - 1, cells.lower + length + behind)):
-            known = (cells.layers[layer] == 1) & (begin == number) & (end == number)
+        for layer, cell, point in ((0, 0, lower - behind), (1, cells.counts - 1, cells.lower + length + behind)):
+            known = (cells.layers[layer] == 1) & (begin == cell) & (end == cell)
             low[rows], high[rows] = (np.where(known, point, one[rows]) for one in (low, high))
         return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 

@@ -40,7 +40,7 @@ class Runs:
     ) -> None:
         """Runs from starts (M, ndim), measured and misled as the sensing allows; `watch` is told of each substep.
 
-        led : whether the controller chooses all inputs, in the fewest steps; else adversaries count on all that are left.
+        led : whether the controller chooses all inputs, for the fewest steps; else adversaries count all that are left.
         """
         self.led, self.ever = led, ever  # ever: every step uses the tubes of step 0, as nothing depends on time
         self.watch = watch
@@ -105,7 +105,7 @@ class Runs:
     def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
         """The first moment of an interval."""
         step, table = 0 if self.ever else number, self.controller.table
-        left = None if self.led else np.full(len(rows), table.steps - number - 1)
+        left: FloatArray | None = None if self.led else np.full(len(rows), table.steps - number - 1)
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def under_way(self, number: int, last: bool) -> FloatArray:
@@ -132,7 +132,8 @@ class Runs:
 
     def go(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
         """Simulate some runs (R,) for an interval under inputs (R,), which have so many steps to go."""
-        problem, ends = self.problem, np.zeros(rows.size, np.int64)
+        problem = self.problem
+        ends: FloatArray = np.zeros(rows.size, np.int64)
         if problem.sensing and rows.size:
             answer = self.shift(self.first(number, problem.time(number), rows, inputs, to_go))
             ends = real_array("what the adversary's shift returns", answer, rows.shape)

@@ -207,7 +207,7 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
         np.broadcast_to(problem.sensing.error, states.shape[1:]),
         *np.array([problem.grid.lower, problem.grid.upper]),
     )
-    loop, known, inputs, told = c.loop(count), None, None, 0
+    loop, known, inputs, earlier, told = c.loop(count), None, None, 0, 0
     for step in range(min(table.steps, 8) if not problem.time_invariant else 8):
         at = 0 if problem.time_invariant else step
         measured = states + rng.choice([-1.0, 0.3, 1.0], states.shape) * error
@@ -215,7 +215,7 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
         wanted = rng.integers(0, len(problem.inputs), count) if step % 2 else None
         status, chosen, points, missed = loop.step(measured, at, wanted)
         if known is not None:
-            seen, lost = table.next_points(known, inputs, before, seen)
+            seen, lost = table.next_points(known, inputs, earlier, seen)
             assert np.array_equal(missed, lost)
             told += int(lost.sum())
         assert np.array_equal(points, seen)
@@ -226,7 +226,7 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
             answer = controller.filter(seen, at, wanted)
             assert np.array_equal(status == 0, answer.promised)
             assert np.array_equal(answer.inputs[status == 0], chosen[status == 0])
-        known, inputs, before = seen, chosen, at
+        known, inputs, earlier = seen, chosen, at
         moves = problem.interval(at).displacements(states)
         states = states + moves[np.arange(count) if len(moves) > 1 else 0, inputs]
         thrown, laps = rng.random((2, count, 1)) < 0.05
@@ -236,7 +236,7 @@ def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
 
 
 def test_nobody_whom_c_remembers_is_lost(exported):
-    """A joint at 50 Hz, 200 runs for 4 s pushed towards its stop, errors at their most: none lost, none without input."""
+    """A joint at 50 Hz, 200 runs for 4 s pushed towards its stop, errors at their most: none lost, none without."""
     table, rng = solved("joint, remembering"), np.random.default_rng(1)
     q = rng.uniform([-1, -2], [1, 2], (5000, 2))
     states = q[table.contains(q)][:200]
@@ -434,6 +434,7 @@ int main(void) {
   sdhj_table t; uint32_t input, cell[6] = {0, 0, 0, 0, 0, 0}; uint8_t bits[SDHJ_ROBOT_MASK_BYTES]; sdhj_place place;
   if (sdhj_open(&t, NULL, 0, sdhj_robot_digest) != SDHJ_OK) return 0;
   sdhj_cell(&t, cell, &place);
+  input = SDHJ_ROBOT_BRAKE + SDHJ_ROBOT_TIMELESS + SDHJ_ROBOT_REMEMBERS + SDHJ_ROBOT_BYTES;
   return (int)sdhj_select_at(&t, 0, &place, &input) + (int)sdhj_safe_inputs_at(&t, 0, &place, bits);
 }
 """
