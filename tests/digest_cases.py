@@ -209,7 +209,7 @@ def chained(method: Any, **given: Any) -> Any:
     return replace(toys.interval_problem(steps=3, rate=-0.1, ends="unsafe", **given), target=target)
 
 
-SENSING = sdhj.Sensing(error=(0.02, 0.01), delay=0.1, jitter=0.02)
+SENSING = sdhj.Sensing(error=(0.02, 0.01), delay=0.1, jitter=0.02, memory=False)
 ARM_CELLS = sdhj.Certified(cells=(63, 63, 18, 18), parts=4)
 
 CASES: dict[str, Case] = {
@@ -229,7 +229,7 @@ CASES: dict[str, Case] = {
     "arm, lax": Case(arm(), "lax"),
     "arm, lax, linear": Case(arm(view_time="sampled"), sdhj.HopfLax("linear", "float64")),
     "arm, certified": Case(arm(), ARM_CELLS),
-    "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01))),
+    "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01, memory=False))),
     "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), memory=1_491_136),
     "evader": Case(evader),
     "evader, projected": Case(evader, "projected"),
@@ -289,7 +289,9 @@ CASES: dict[str, Case] = {
     # three axes and more
     "car": Case(toys.unicycle_problem),
     "car, sensing": Case(
-        lambda: replace(toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1))
+        lambda: replace(
+            toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1, memory=False)
+        )
     ),
     "car, third order": Case(lambda: toys.unicycle_problem(steps=2), sdhj.HJI(EXACT)),
     "car, projected": Case(

@@ -233,7 +233,7 @@ def spread(*, steep=2.0, bounds=lambda q, u: np.stack([0.1 + 0.0 * u[0]]), **sen
         [],
         0.2,
         2,
-        sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing)),
+        sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing), memory=False),
     )
 
 
@@ -315,7 +315,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "tide": (tide, (120,), 2),
     "blown": (blown, (160,), 2),
     "pushed": (pushed, (80,), 1),
-    "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1)), (80,), 1),
+    "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1, memory=False)), (80,), 1),
     "drone": (drone, (80,), 1),
     "sliding": (sliding, (40, 4), 2),
     "surge": (surge, (120,), 2),

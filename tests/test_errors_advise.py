@@ -394,10 +394,10 @@ CASES = {
     ),
     "more doubt than target": (
         "reduce error or delay, or enlarge the target",
-        lambda to: replace(line(), sensing=sdhj.Sensing(0.6)),
+        lambda to: replace(line(), sensing=sdhj.Sensing(0.6, memory=False)),
         lambda to: (
-            replace(line(), sensing=sdhj.Sensing(0.1)),
-            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6)),
+            replace(line(), sensing=sdhj.Sensing(0.1, memory=False)),
+            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6, memory=False)),
         ),
     ),
     "a run that is over": (
@@ -624,7 +624,7 @@ def wall(p, t):
 
 def sensed(drift):
     """A problem with measurement error."""
-    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1))
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1, memory=False))
 
 
 def agent(reset=False, **options):

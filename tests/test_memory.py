@@ -130,7 +130,7 @@ def test_what_is_lost_is_of_states():
     """An interval leads all that a measurement may stand for to less than its error, which is no image of states."""
     target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 2.0) - 0.5)
     problem = replace(forged_robots.calming(), steps=2, target=target)
-    forgets = replace(problem, sensing=sdhj.Sensing(0.1))
+    forgets = replace(problem, sensing=sdhj.Sensing(0.1, memory=False))
     lost = [
         sdhj.solve(one, sdhj.Certified(cells=(160,)), progress=False, play=False).losing.bits(start=0, within=2)
         for one in (problem, forgets)

@@ -223,7 +223,7 @@ def test_a_drift_that_changes_with_time_leaves_segments():
 
 
 def test_intervals_that_may_end_early_keep_their_shape():
-    sensing = sdhj.Sensing(jitter=0.01)
+    sensing = sdhj.Sensing(jitter=0.01, memory=False)
     lax, hji = (share(gust(61, steps=5, sensing=sensing), method) for method in ("lax", "hji"))
     square = gust(61, steps=5, sensing=sensing, gain=np.eye(2), bounds=[0.9 / np.sqrt(2)] * 2)
     assert lax == pytest.approx(hji, rel=0.05) and lax > 1.2 * share(square, "lax")

@@ -213,7 +213,7 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     """
     grid, known = (
         problem.grid,
-        (problem.sensing.memory or sees_walls(problem)) and problem.dynamics.reads[:, axis].any(),
+        (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any(),
     )
     # obligation 1.3
     lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
@@ -259,7 +259,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on input and disturbance only, and how far it moves is known."""
     dynamics = problem.dynamics
-    known = not problem.sensing or problem.sensing.memory  # what a prediction may be off by does not add up
+    known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
         bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.timed)
     )
@@ -292,7 +292,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
     From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on.
     """
-    (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.memory
+    (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
     late = 2 * measured(problem.sensing.jitter)
     spans = measured(problem.delta) - late, measured(problem.delta) + late  # obligation 10.8

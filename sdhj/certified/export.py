@@ -299,7 +299,7 @@ def file_of(
     bodies = b"".join(packer.bodies) + bytes(2)
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
     at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
-    leads, reads, images = images_of(table) if problem.sensing.memory else (0, [0] * ndim, [])
+    leads, reads, images = images_of(table) if problem.sensing.remembers else (0, [0] * ndim, [])
     parts = (
         packer.known[: packer.used].tobytes(),
         inputs.astype("<f8").tobytes(),
@@ -413,7 +413,7 @@ def told(
                 struct.pack("<BI", 0, j) for j in [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
             )
         out.append(said)
-    if problem.sensing.memory and left:
+    if problem.sensing.remembers and left:
         rows, *ends = table.led(states, wanted, step)
         for m, first, last in zip(rows.tolist(), *ends, strict=True):
             each = [one & 0xFFFFFFFF for pair in zip(first.tolist(), last.tolist(), strict=True) for one in pair]
@@ -468,7 +468,7 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_STEPS {table.steps}",
         f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may have no end */",
         f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
-        f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.memory)} /* 1: the loop is sdhj_step, with a memory */",
+        f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.remembers)} /* 1: the loop is sdhj_step, with a memory */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
         *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",
@@ -576,7 +576,7 @@ class Exported:
 
     def loop(self, count: int) -> "Loop":
         """The control loops of `count` robots, of a table for a controller that remembers; ValueError of another."""
-        if not self.table.problem.sensing.memory:
+        if not self.table.problem.sensing.remembers:
             raise ValueError("only tables solved with Sensing(..., memory=True) have a loop; ask select and filter")
         return Loop(self, count)
 

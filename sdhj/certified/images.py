@@ -292,7 +292,7 @@ class Images(Proof):
         first, last = moves.lines[j, place, number].T
         return np.asarray((cell[-1] + first <= cells[:, -1]) & (cells[:, -1] <= cell[-1] + last))
 
-    @cached_property
+    @kept
     def depends(self) -> FloatArray:
         """Which axes the image along each axis depends on, cells of one place apart: bool (ndim, ndim)."""
         ndim, own = len(self.axes), self.strides > 0
@@ -407,12 +407,12 @@ class Images(Proof):
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
         # obligation 2.7
-        last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.prediction_error
+        last = self._clipped(start, last) if self.problem.sensing.remembers else last + SIDES * self.prediction_error
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _off(self, start: FloatArray) -> FloatArray:
         """E of boxes (2, M, ndim), by which the state of who is there may be off: (M, ndim). Not along a layer."""
-        if not self.problem.sensing.memory:
+        if not self.problem.sensing.remembers:
             return np.broadcast_to(self.prediction_error, start.shape[1:])
         # obligation 2.60
         in_layer = (start[1] <= self.layers[0] + self.shell) | (start[0] >= self.layers[1] - self.shell)

@@ -82,7 +82,7 @@ class Statement(Remembering):
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
-        if sensing.memory:
+        if sensing.remembers:
             return box, self.error_growth - push * sensing.hold(self.delta)[0]
         return box, box + growth_bound(slope, jumps, box, self.delta + 2 * sensing.jitter)
 

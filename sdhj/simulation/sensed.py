@@ -48,7 +48,7 @@ class Runs:
         self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
         self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
         same = sensing == controller.problem.sensing
-        self.remembers = controller.problem.sensing.memory
+        self.remembers = controller.problem.sensing.remembers
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)

@@ -408,7 +408,7 @@ class Controller:
         step, previous = 0 if problem.time_invariant else k, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
-        if problem.sensing.memory and last and not missed and self.remembered:
+        if problem.sensing.remembers and last and not missed and self.remembered:
             kept, lost = self.table.next_points(
                 self.remembered[0][None], np.array([last.input]), self.remembered[1], state[None]
             )

@@ -43,7 +43,9 @@ def with_inputs(problem, inputs):
 
 
 def senses():
-    return replace(digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03)))
+    return replace(
+        digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03), memory=False)
+    )
 
 
 def remembering(problem, error, **sensing):

@@ -98,7 +98,7 @@ def test_who_reckons_with_errors_does_not_lose() -> None:
     perfect = own["perfect"]
     assert not own["drive"](perfect, sdhj.Sensing())[1].any()
     for told in ({"error": 0.02, "delay": 0.1, "jitter": 0.02}, {"delay": 0.2}, {"error": 0.05}):
-        sensing = sdhj.Sensing(**told)
+        sensing = sdhj.Sensing(**told, memory=False)
         aware = sdhj.Controller(sdhj.solve(cart(sensing=sensing), progress=False))
         assert own["drive"](aware, sensing)[1].mean() <= 0.005  # interpolated: what chapter 12 is about
         assert own["drive"](perfect, sensing)[1].mean() >= 0.02

@@ -118,7 +118,7 @@ class ArmProof(Proof):
     @property
     def depends(self) -> FloatArray:
         """See `Images.depends`: each on its own."""
-        return np.eye(4, dtype=np.bool_)
+        return read_only(np.eye(4, dtype=np.bool_))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """See `GeneralProof.image`."""
