@@ -81,7 +81,7 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing(memory=True)` it is the only loop that is promised anything: it carries a point on.
+    loop needs. With `Sensing`, unless memory=False, it is the only loop that is promised anything: it carries a point on.
 
     Parameters
     ----------
@@ -298,7 +298,8 @@ class Controller:
         """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j. With memory=False that
+        is a loop as good as `step`; else it is promised nothing, as the table counts on what `step` carries on.
 
         Parameters
         ----------
@@ -471,7 +472,8 @@ class Controller:
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
+            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements,
+            each judged by itself, which needs `Sensing(memory=False)` to be promised anything beyond the step.
         step : int, optional
             As for `steps_to_go`.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
