@@ -288,7 +288,7 @@ static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t siz
   if (t->index_bytes < 1u || t->index_bytes > 4u || t->at_bytes < 1u || t->at_bytes > 4u) return SDHJ_BAD_TABLE;
   if (t->number_of_words < 1u || t->number_of_bodies < 1u) return SDHJ_BAD_TABLE;
   t->leads = sdhj_u32(file + 80);
-  if (version == SDHJ_VERSION ? t->leads != 0u : t->leads != 1u && t->leads != t->steps) return SDHJ_BAD_TABLE;
+  if (version == SDHJ_VERSION ? t->leads != 0u : t->leads != 1u && t->leads + 1u != t->starts) return SDHJ_BAD_TABLE;
   t->mask = (t->count_of_inputs + 7u) / 8u;
   fields = sdhj_offset(t, SDHJ_CLEAR) + (t->fields & SDHJ_CLEAR ? t->mask : 0u);
   if (t->word_bytes != fields) return SDHJ_BAD_TABLE;

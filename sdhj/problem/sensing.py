@@ -82,9 +82,9 @@ class Sensing:
     >>> import sdhj
     >>> problem = sdhj.arm_case_study(nodes=15, steps=3)
     >>> sensed = replace(problem, sensing=sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01))
-    >>> remembers = replace(problem, sensing=replace(sensed.sensing, memory=True))
-    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, remembers)]
-    [0.19, 0.07, 0.15]
+    >>> forgets = replace(problem, sensing=replace(sensed.sensing, memory=False))
+    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, forgets)]
+    [0.19, 0.15, 0.07]
     """
 
     error: Any = 0.0
