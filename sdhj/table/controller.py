@@ -81,7 +81,7 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing`, unless memory=False, it is the only loop that is promised anything: it carries a point on.
+    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on.
 
     Parameters
     ----------
