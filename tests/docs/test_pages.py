@@ -6,6 +6,7 @@ import re
 import runpy
 import sys
 import tomllib
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
