@@ -147,6 +147,14 @@ def test_a_file_says_so(fast, tmp_path):
     assert joint(0.1).digest != joint(0.1, memory=False).digest
 
 
+def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
+    assert sdhj.Sensing(0.1).remembers and not sdhj.Sensing().remembers and sdhj.Sensing().told == {}
+    for memory in (False, True):
+        solved(0.1, cells=(20, 20), memory=memory, steps=2).save(tmp_path / "table.h5")
+        assert sdhj.load(tmp_path / "table.h5").problem.sensing.remembers == memory
+        assert sdhj.load(tmp_path / "table.h5", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
+
+
 def test_a_solve_says_which_error_eats_the_set():
     with pytest.warns(ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
         solved(0.01, cells=(40, 40), memory=False)
