@@ -28,7 +28,10 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         rows = []
         for place, (name, known) in enumerate((("reckons with it", told), ("does not", dict.fromkeys(told, 0.0)))):
             controller = solved(**known)
-            worlds = {"as it is": sdhj.Sensing(**told, memory=False), "perfect": sdhj.Sensing(delay=known["delay"], memory=False)}
+            worlds = {
+                "as it is": sdhj.Sensing(**told, memory=False),
+                "perfect": sdhj.Sensing(delay=known["delay"], memory=False),
+            }
             runs = {world: drive(controller, sensing) for world, sensing in worlds.items()}
             ax = figure.add_subplot(grid[0, place])
             draw_sensed(ax, controller.table, *runs["as it is"])
