@@ -84,7 +84,7 @@ class Runs:
             """The inputs that the controller chooses from such measurements, and the steps to go."""
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
-            return chosen, batch.steps_to_go
+            return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
             """Values of the next tube with so many steps left at points (M, ndim): (M,)."""
@@ -105,7 +105,8 @@ class Runs:
     def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
         """The first moment of an interval."""
         step, table = 0 if self.ever else number, self.controller.table
-        left: FloatArray | None = None if self.led else np.full(len(rows), table.steps - number - 1)
+        every = self.controller.all_left or not self.led
+        left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def under_way(self, number: int, last: bool) -> FloatArray:
