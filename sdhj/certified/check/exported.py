@@ -43,12 +43,7 @@ class Words:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Read an exported file; refused where a digest, a length or a number does not fit."""
-        data = Path(path).read_bytes()
-        whole = len(data) >= HEAD and data[:8] == MAGIC
-        version = struct.unpack_from("<I", data, 8)[0] if whole else 0
-        expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
-        whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
-        expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+        version, data = _whole(path)
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
         record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
@@ -57,11 +52,8 @@ class Words:
         self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
         self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
         self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
-        fits = (
-            version == 1 + (self.leads > 0)
-            and not (periodic >> 8 + ndim).any()
-            and (self.leads or periodic.max() < 256)
-        )
+        shown = self.leads or periodic.max() < 256  # which axes images depend on
+        fits = version == 1 + (self.leads > 0) and shown and not (periodic >> 8 + ndim).any()
         expect(fits, "only a table of version 2 has images", self.leads)
         self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
         self.delta = reals[36]
@@ -76,9 +68,7 @@ class Words:
             parts.append(data[at : at + length])
             at += -(-length // 8) * 8
         expect(at == size and len(parts[7]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
-        cuts = np.cumsum([math.prod(shape) for shape in shapes])[:-1]
-        each = np.split(np.frombuffer(parts[6], "<i2"), cuts)
-        self.images = [own.reshape(shape).astype(int) for own, shape in zip(each, shapes, strict=True)]
+        self.images = _arrays(parts[6], shapes)
         self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
         self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
         expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
@@ -91,14 +81,7 @@ class Words:
                 long = {"steps": 4, "select": 2}.get(name, mask)
                 found[name], begin = rows[:, begin : begin + long], begin + long
         expect(begin == record, "words must have their fields", record)
-        self.fields = {
-            name: np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
-            for name, some in found.items()
-            if name not in ("steps", "select")
-        }
-        for name in ("steps", "select"):
-            if name in found:
-                self.fields[name] = _numbers(found[name].tobytes(), found[name].shape[1])
+        self.fields = _fields(found, inputs)
 
     def ids(self, start: int) -> Array:
         """The words of the cells at a start: (cells,)."""
@@ -106,6 +89,33 @@ class Words:
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
         return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
+
+
+def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
+    """The version of an exported file and its bytes; refused where a digest does not fit."""
+    data = Path(path).read_bytes()
+    whole = len(data) >= HEAD and data[:8] == MAGIC
+    version = struct.unpack_from("<I", data, 8)[0] if whole else 0
+    expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
+    whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
+    expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+    return version, data
+
+
+def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
+    """Arrays of some shapes, of numbers of 16 bits, one behind the other."""
+    each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+    return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
+
+
+def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
+    """The fields of words, (words, bytes) each, as whole numbers or as inputs: bool (words, inputs)."""
+    return {
+        name: _numbers(some.tobytes(), some.shape[1])
+        if name in ("steps", "select")
+        else np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
+        for name, some in found.items()
+    }
 
 
 def _numbers(data: bytes, width: int) -> Array:
