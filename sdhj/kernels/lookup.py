@@ -14,6 +14,7 @@ from sdhj.kernels.tubes import (
     AT_BEGIN,
     AT_FACES,
     AT_MOVING,
+    AT_NORMALS,
     AT_ORDER,
     AT_STATIC,
     AT_TARGET,
@@ -65,7 +66,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
     found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; at (R, ndim), overwritten; hulls
     """
     (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
-    played = length(ints, np.int64(AT_AHEAD + RESULTS))
+    played, planes = length(ints, np.int64(AT_AHEAD + RESULTS)), length(ints, np.int64(AT_NORMALS)) > 0
     if played > 0:
         for r in range(rows.size):
             for axis in range(ndim):
@@ -81,7 +82,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
                         near[term, j, axis, r] = ends[term, j, axis, begin + r]
     if played > 0 or ends.shape[3] > 1 or begin == 0:  # else one for all states; on six axes a block may be one state
         for r in range(min(rows.size, near.shape[3])):
-            most = max(most, hull_of(near, r, part(ints, floats, 1), hulls[r]))
+            most = max(most, hull_of(near[:PATH] if planes else near, r, part(ints, floats, 1), hulls[r]))
     return most
 
 
@@ -114,8 +115,9 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     ends : (4 + K, L, ndim, 1 or R)
         What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
-        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a
-        tape for it, it is played, and `ends` is not read.
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment or, where there are normals
+        n of planes, the greatest n . x of the states x at the interval's end, `ndim` of them in a term. Where there is
+        a tape for it, it is played, and `ends` is not read.
     scores : (M, L)
         Which safe input is preferred as `best`: that of least score, of equals that of least depth.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
@@ -131,10 +133,11 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
     played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
+    normals = part(ints, packs[1], AT_NORMALS)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
-    scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
+    scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :], normals)
     samples = samples_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))

@@ -13,18 +13,22 @@ from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid,
 from sdhj.kernels.tape import BLOCK, TABLES, part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
-PATH = 4  # terms of what inputs lead to, before the segments: corners of a box, and the path without an adversary
+# terms of what inputs lead to, before what there is more of it, segments or planes: corners of a box, and the path
+# without an adversary
+PATH = 4
 A_CELL = 4.0  # intervals between the points at which segments are looked at, for a cell of half their length
-MOST_POINTS = 4096  # of sums of segments that are looked at: of more the box is taken
+SLABS_A_CELL = 4.0  # that what lies between planes is cut into, for a cell
+MOST_POINTS = 4096  # of sums of segments, or slabs, that are looked at: of more the box is taken
 CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
 # are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
 # between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval
-# begins; where an unsafe set is unsafe under some inputs only, under which each is (`heed_inputs`); and three tapes:
-# what inputs lead to, the unsafe sets and the target, of points with the time as one more coordinate.
-AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_UNDER, AT_AHEAD = range(
-    len(Lattice._fields), len(Lattice._fields) + 8
+# begins; where an unsafe set is unsafe under some inputs only, under which each is (`heed_inputs`); the normals of planes
+# that states end between, (K, ndim); and three tapes: what inputs lead to, the unsafe sets and the target, of points
+# with the time as one more coordinate.
+AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_UNDER, AT_NORMALS, AT_AHEAD = range(
+    len(Lattice._fields), len(Lattice._fields) + 9
 )
 AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1
@@ -58,7 +62,8 @@ class LookupScratch(NamedTuple):
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
     Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
-    points of each are looked at; held (2 ndim,): walls.
+    points of each are looked at; held (2 ndim,): walls. Of planes: normals (K ndim,); moved, the boxes around one slab
+    of what lies between them, and into how many it is cut along each axis.
     """
 
     hull: Any
@@ -73,6 +78,7 @@ class LookupScratch(NamedTuple):
     centre: Any
     moved: Any
     held: Any
+    normals: Any
 
 
 @kernel(**UNCOUNTED)
@@ -154,11 +160,14 @@ def _spread(ends, column, j, axis):
 
 @kernel(**UNCOUNTED)
 def is_held(state, ends, column, j, held):
-    """Whether the segments of an input lead past a wall, where the state may end outside their sum."""
+    """Whether an input leads past a wall, where the state may end outside the sum of its segments, or its planes.
+
+    ends : those of the box, or with segments.
+    """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
         low, high = state[axis] + ends[0, j, axis, column] - far, state[axis] + ends[1, j, axis, column] + far
-        if far > 0.0 and (low < held[axis] or high > held[state.size + axis]):
+        if (far > 0.0 or ends.shape[0] == PATH) and (low < held[axis] or high > held[state.size + axis]):
             return True
     return False
 
@@ -201,17 +210,82 @@ def _move(point, ends, column, scratch):
 
 
 @kernel(**UNCOUNTED)
+def _cuts(state, ends, column, lattice, scratch):
+    """Write into how many slabs what lies between planes is cut along each axis, 1 along the last; returns the most.
+
+    Nowhere where the box is taken.
+    """
+    most, checks, last = 1.0, scratch.moved[2], 0
+    for k in range(scratch.normals.size):
+        last = max(last, k % state.size * (scratch.normals[k] != 0.0))
+    for j in range(ends.shape[1]):
+        slabs = 1.0
+        for axis in range(state.size):
+            cells = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis]
+            cut = False
+            for k in range(axis, scratch.normals.size, state.size):
+                cut |= scratch.normals[k] != 0.0
+            checks[j, axis, 0] = np.ceil(max(SLABS_A_CELL * min(cells, MOST_POINTS), 1.0)) if cut and axis < last else 1.0
+            slabs = min(slabs * checks[j, axis, 0], MOST_POINTS + 1.0)
+        if slabs > MOST_POINTS or is_held(state, ends[:PATH], column, j, scratch.held):
+            checks[j], slabs = 0.0, 1.0
+        most = max(most, slabs)
+    return last, int(most)
+
+
+@kernel(**UNCOUNTED)
+def _cut(slab, last, ends, column, lattice, scratch):
+    """Write the boxes of all inputs around a slab of what lies between their planes, by its number.
+
+    Where none of the slab does, the middle of the box, which always does.
+    """
+    moved, normals, ndim = scratch.moved, scratch.normals, ends.shape[2]
+    for j in range(ends.shape[1]):
+        left = slab
+        for axis in range(ndim):
+            low, high, cuts = ends[0, j, axis, column], ends[1, j, axis, column], max(int(moved[2, j, axis, 0]), 1)
+            place, wide = left % cuts, (high - low) / cuts
+            moved[0, j, axis, 0] = low + place * wide
+            moved[1, j, axis, 0] = high if place == cuts - 1 else low + (place + 1) * wide
+            left //= cuts
+        low, high, empty = moved[0, j, last, 0], moved[1, j, last, 0], False
+        for k in range(normals.size // ndim if moved[2, j, last, 0] > 0.0 else 0):
+            rest, along = ends[PATH + k // ndim, j, k % ndim, column], normals[k * ndim + last]
+            for axis in range(last):
+                normal = normals[k * ndim + axis]
+                rest -= normal * moved[0 if normal > 0.0 else 1, j, axis, 0]
+            if along > 0.0:
+                high = min(high, rest / along)
+            elif along < 0.0:
+                low = max(low, rest / along)
+            else:
+                empty |= rest < 0.0
+        moved[0, j, last, 0], moved[1, j, last, 0] = min(low, high), max(low, high)
+        if empty or low - high > TINY * lattice.spacing[last]:
+            for axis in range(ndim):
+                middle = 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
+                moved[0, j, axis, 0] = moved[1, j, axis, 0] = middle
+
+
+@kernel(**UNCOUNTED)
 def _worst_values(values, state, ends, column, order, lattice, scratch, out):
     """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
-    no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
+    no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
+    boxes around these. Where they are held at a wall, or too many, the box around it.
     """
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
-    alone = ends.shape[0] == PATH
-    for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
-        if not alone:
+    alone, planes, points, last = ends.shape[0] == PATH, scratch.normals.size > 0, 1, 0
+    if planes:
+        last, points = _cuts(state, ends, column, lattice, scratch)
+    elif not alone:
+        points = _looks_at(state, ends, column, lattice, scratch)
+    for point in range(points):
+        if planes:
+            _cut(point, last, ends, column, lattice, scratch)
+        elif not alone:
             _move(point, ends, column, scratch)
         boxes, of = (ends, column) if alone else (scratch.moved, 0)
         _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
@@ -355,14 +429,14 @@ def unpacked_lattice(ints, floats):
 
 
 @kernel()
-def working_room(columns, ndim, inputs, size, segments, held):
-    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, and walls."""
+def working_room(columns, ndim, inputs, size, segments, held, normals):
+    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, walls and normals."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
-    sums = np.empty((2 + segments, inputs, ndim, 1)), held
+    sums = np.empty((2 + segments, inputs, ndim, 1)), held, normals
     return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
@@ -375,7 +449,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
     stored_tubes = StoredTubes(0, -1, *nothing, static, axes[0], moving, axes[1])
-    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
+    faces, none = part(ints, floats, AT_FACES), np.empty(0)
+    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, faces, none)
     for m in range(out.shape[0]):
         hazards(stored_tubes, step, states[m], lattice, scratch, out[m])
 

@@ -6,6 +6,7 @@ dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),  
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from sdhj.problem.ball import Ball
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
+AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
 MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
 Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
@@ -492,6 +494,23 @@ class VectorField:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
+
+    def along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
+        """The greatest n . velocity under u_j at points (M, ndim) for each way n (K, ndim), whatever v does: (M, K).
+
+        Where v does not enter linearly: of the boxes of velocities of the pieces that its range is cut into.
+        """
+        ends = self.disturbance(j, points[:1], points[:1], (t, t))
+        nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
+        pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(ways)), -np.inf)
+        for v in np.array_split(pieces, -(-len(points) * len(pieces) // AT_ONCE)):
+            low, high = (np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1))
+            least, most = self._with_disturbance[j].bounds(low, high, (t, t))
+            reach = (least + most) / 2 @ ways.T + (most - least) / 2 @ np.abs(ways).T
+            found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))
+        if not np.isfinite(found).all():
+            self.extremes(points, j, t)  # says what is wrong
+        return found
 
     def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""

@@ -36,7 +36,7 @@ def prepared(
     when, inputs = (times if checks else times[:0], faces, np.array([interval.begin])), np.arange(len(problem.inputs))
     under = [0 * inputs - 1 if part.inputs is None else part.counts(inputs) for part in problem.unsafe]
     some = np.array(under, dtype=np.int64) if conditional(problem) else np.zeros(0, np.int64)
-    return packed(*grid.arrays, *axes, order, *when, some, *tapes)
+    return packed(*grid.arrays, *axes, order, *when, some, interval.normals, *tapes)
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
