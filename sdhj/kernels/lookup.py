@@ -14,7 +14,6 @@ from sdhj.kernels.tubes import (
     AT_BEGIN,
     AT_FACES,
     AT_MOVING,
-    AT_NORMALS,
     AT_ORDER,
     AT_STATIC,
     AT_TARGET,
@@ -63,10 +62,11 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 def _lead(begin, rows, states, packs, ends, found, work):
     """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
 
-    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; at (R, ndim), overwritten; hulls
+    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; of it what makes hulls; at (R, ndim),
+    overwritten; hulls
     """
-    (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
-    played, planes = length(ints, np.int64(AT_AHEAD + RESULTS)), length(ints, np.int64(AT_NORMALS)) > 0
+    (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
+    played = length(ints, np.int64(AT_AHEAD + RESULTS))
     if played > 0:
         for r in range(rows.size):
             for axis in range(ndim):
@@ -82,7 +82,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
                         near[term, j, axis, r] = ends[term, j, axis, begin + r]
     if played > 0 or ends.shape[3] > 1 or begin == 0:  # else one for all states; on six axes a block may be one state
         for r in range(min(rows.size, near.shape[3])):
-            most = max(most, hull_of(near[:PATH] if planes else near, r, part(ints, floats, 1), hulls[r]))
+            most = max(most, hull_of(boxes, r, part(ints, floats, 1), hulls[r]))
     return most
 
 
@@ -95,12 +95,13 @@ def _answer(rows, states, when, packs, stored, ahead, space, out):
     stored_tubes = StoredTubes(steps, game, index, tubes, marks, static, still, moving, timed)
     for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
         column = r if ahead[0].shape[3] > 1 else 0
-        by_tubes(rows[r], column, states, (step, within), stored_tubes, ahead[0], (order, lattice, space[0]), out)
+        space_of_tubes = order, lattice, space[0]
+        by_tubes(rows[r], column, states, (step, within), stored_tubes, ahead[0], ahead[2], space_of_tubes, out)
     return checks == TUBES or _check_true_sets(rows, when, states, packs, ahead, (stored_tubes, lattice), space, out)
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, packs, stored, ends, scores, out):
+def decide(states, rows, when, packs, stored, ends, normals, scores, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
@@ -116,8 +117,10 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
         share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment or, where there are normals
-        n of planes, the greatest n . x of the states x at the interval's end, `ndim` of them in a term. Where there is
-        a tape for it, it is played, and `ends` is not read.
+        n, the greatest n . x of the states x at the interval's end, `ndim` of them in a term. Where there is a tape
+        for it, it is played, and `ends` is not read.
+    normals : (K', ndim), or None
+        Of the planes that states end between at the interval's end, where those are in no sum of a box and segments.
     scores : (M, L)
         Which safe input is preferred as `best`: that of least score, of equals that of least depth.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
@@ -133,21 +136,21 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
     played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
-    normals = part(ints, packs[1], AT_NORMALS)
     terms = played // (inputs * ndim) if played > 0 else ends.shape[0]
     alike = played == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
-    scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :], normals)
+    scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
+    boxes = near[: terms if normals is None else PATH]
     samples = samples_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        needed = _lead(begin, some, states, packs, ends, (near, at, scratch.hull), work)
+        needed = _lead(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
-        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (scratch, samples, work), out):
+        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores, normals), (scratch, samples, work), out):
             return False
     return True

@@ -24,11 +24,10 @@ CENTRE = 0.25  # of the depth of an input for ever: the share that the game's va
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
 # are taken; the times of the V points that are looked at, the path first, then the state and the corners; (6, ndim):
 # between what coordinates are clipped, the ends of the grid, and walls at which segments are held; when the interval
-# begins; where an unsafe set is unsafe under some inputs only, under which each is (`heed_inputs`); the normals of planes
-# that states end between, (K, ndim); and three tapes: what inputs lead to, the unsafe sets and the target, of points
-# with the time as one more coordinate.
-AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_UNDER, AT_NORMALS, AT_AHEAD = range(
-    len(Lattice._fields), len(Lattice._fields) + 9
+# begins; where an unsafe set is unsafe under some inputs only, under which each is (`heed_inputs`); and three tapes:
+# what inputs lead to, the unsafe sets and the target, of points with the time as one more coordinate.
+AT_STATIC, AT_MOVING, AT_ORDER, CHECK_TIMES, AT_FACES, AT_BEGIN, AT_UNDER, AT_AHEAD = range(
+    len(Lattice._fields), len(Lattice._fields) + 8
 )
 AT_UNSAFE = AT_AHEAD + TABLES + 1
 AT_TARGET = AT_UNSAFE + TABLES + 1
@@ -62,8 +61,8 @@ class LookupScratch(NamedTuple):
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
     Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
-    points of each are looked at; held (2 ndim,): walls. Of planes: normals (K ndim,); moved, the boxes around one slab
-    of what lies between them, and into how many it is cut along each axis.
+    points of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies between
+    them, and into how many it is cut along each axis.
     """
 
     hull: Any
@@ -78,7 +77,6 @@ class LookupScratch(NamedTuple):
     centre: Any
     moved: Any
     held: Any
-    normals: Any
 
 
 @kernel(**UNCOUNTED)
@@ -210,50 +208,48 @@ def _move(point, ends, column, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _cuts(state, ends, column, lattice, scratch):
-    """Write into how many slabs what lies between planes is cut along each axis, 1 along the last; returns the most.
+def _cuts(state, ends, normals, column, lattice, scratch):
+    """Write into how many slabs what lies between planes is cut along each axis; returns the last axis, and the most.
 
-    Nowhere where the box is taken.
+    Along the last axis that planes are not parallel to into one; 0 where the box is taken.
     """
-    most, checks, last = 1.0, scratch.moved[2], 0
-    for k in range(scratch.normals.size):
-        last = max(last, k % state.size * (scratch.normals[k] != 0.0))
+    most, cuts, last = 1.0, scratch.moved[2], 0
+    for k in range(normals.shape[0]):
+        for axis in range(state.size):
+            last = max(last, axis if normals[k, axis] != 0.0 else 0)
     for j in range(ends.shape[1]):
         slabs = 1.0
         for axis in range(state.size):
-            cells = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis]
-            cut = False
-            for k in range(axis, scratch.normals.size, state.size):
-                cut |= scratch.normals[k] != 0.0
-            checks[j, axis, 0] = np.ceil(max(SLABS_A_CELL * min(cells, MOST_POINTS), 1.0)) if cut and axis < last else 1.0
-            slabs = min(slabs * checks[j, axis, 0], MOST_POINTS + 1.0)
+            cells, cut = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis], False
+            for k in range(normals.shape[0]):
+                cut |= normals[k, axis] != 0.0 and axis < last
+            cuts[j, axis, 0] = max(np.ceil(SLABS_A_CELL * min(cells, MOST_POINTS)), 1.0) if cut else 1.0
+            slabs = min(slabs * cuts[j, axis, 0], MOST_POINTS + 1.0)
         if slabs > MOST_POINTS or is_held(state, ends[:PATH], column, j, scratch.held):
-            checks[j], slabs = 0.0, 1.0
+            cuts[j], slabs = 0.0, 1.0
         most = max(most, slabs)
     return last, int(most)
 
 
 @kernel(**UNCOUNTED)
-def _cut(slab, last, ends, column, lattice, scratch):
+def _cut(slab, last, ends, normals, column, lattice, moved):
     """Write the boxes of all inputs around a slab of what lies between their planes, by its number.
 
     Where none of the slab does, the middle of the box, which always does.
     """
-    moved, normals, ndim = scratch.moved, scratch.normals, ends.shape[2]
     for j in range(ends.shape[1]):
-        left = slab
-        for axis in range(ndim):
+        left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
+        for axis in range(ends.shape[2]):
             low, high, cuts = ends[0, j, axis, column], ends[1, j, axis, column], max(int(moved[2, j, axis, 0]), 1)
             place, wide = left % cuts, (high - low) / cuts
             moved[0, j, axis, 0] = low + place * wide
             moved[1, j, axis, 0] = high if place == cuts - 1 else low + (place + 1) * wide
             left //= cuts
-        low, high, empty = moved[0, j, last, 0], moved[1, j, last, 0], False
-        for k in range(normals.size // ndim if moved[2, j, last, 0] > 0.0 else 0):
-            rest, along = ends[PATH + k // ndim, j, k % ndim, column], normals[k * ndim + last]
+        low, high = moved[0, j, last, 0], moved[1, j, last, 0]
+        for k in range(planes):
+            rest, along = ends[PATH + k // ends.shape[2], j, k % ends.shape[2], column], normals[k, last]
             for axis in range(last):
-                normal = normals[k * ndim + axis]
-                rest -= normal * moved[0 if normal > 0.0 else 1, j, axis, 0]
+                rest -= normals[k, axis] * moved[0 if normals[k, axis] > 0.0 else 1, j, axis, 0]
             if along > 0.0:
                 high = min(high, rest / along)
             elif along < 0.0:
@@ -262,30 +258,31 @@ def _cut(slab, last, ends, column, lattice, scratch):
                 empty |= rest < 0.0
         moved[0, j, last, 0], moved[1, j, last, 0] = min(low, high), max(low, high)
         if empty or low - high > TINY * lattice.spacing[last]:
-            for axis in range(ndim):
+            for axis in range(ends.shape[2]):
                 middle = 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
-                moved[0, j, axis, 0] = moved[1, j, axis, 0] = middle
+                moved[0, j, axis, 0], moved[1, j, axis, 0] = middle, middle
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, ends, column, order, lattice, scratch, out):
+def _worst_values(values, state, ends, normals, column, order, lattice, scratch, out):
     """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
     no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
-    boxes around these. Where they are held at a wall, or too many, the box around it.
+    boxes around these. Where they are held at a wall, or too many, the box around it. What is for planes alone is not
+    compiled where normals is None.
     """
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
-    alone, planes, points, last = ends.shape[0] == PATH, scratch.normals.size > 0, 1, 0
-    if planes:
-        last, points = _cuts(state, ends, column, lattice, scratch)
-    elif not alone:
-        points = _looks_at(state, ends, column, lattice, scratch)
-    for point in range(points):
-        if planes:
-            _cut(point, last, ends, column, lattice, scratch)
-        elif not alone:
+    if normals is not None:
+        last, slabs = _cuts(state, ends, normals, column, lattice, scratch)
+        for slab in range(slabs):
+            _cut(slab, last, ends, normals, column, lattice, scratch.moved)
+            _raise_to_worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, out)
+        return
+    alone = ends.shape[0] == PATH
+    for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
+        if not alone:
             _move(point, ends, column, scratch)
         boxes, of = (ends, column) if alone else (scratch.moved, 0)
         _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
@@ -317,13 +314,13 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 
 @kernel(**UNCOUNTED)
-def _depths(stored_tubes, state, ends, column, order, lattice, scratch, out):
+def _depths(stored_tubes, state, ends, normals, column, order, lattice, scratch, out):
     """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
     """
-    _worst_values(stored_tubes.tubes[stored_tubes.game], state, ends, column, order, lattice, scratch, out)
+    _worst_values(stored_tubes.tubes[stored_tubes.game], state, ends, normals, column, order, lattice, scratch, out)
     centre, index, weight = scratch.centre, scratch.index[1], scratch.weight[1]
     for j in range(out.size):
         for axis in range(state.size):
@@ -370,7 +367,7 @@ def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
 
 
 @kernel(**UNCOUNTED)
-def by_tubes(m, column, states, when, stored_tubes, ends, space, out):
+def by_tubes(m, column, states, when, stored_tubes, ends, normals, space, out):
     """The answers for one state, but for the look at the true sets."""
     (order, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
@@ -389,9 +386,9 @@ def by_tubes(m, column, states, when, stored_tubes, ends, space, out):
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
-    _worst_values(tube, state, ends, column, order, lattice, scratch, margins[m])
+    _worst_values(tube, state, ends, normals, column, order, lattice, scratch, margins[m])
     if stored_tubes.game >= 0:
-        _depths(stored_tubes, state, ends, column, order, lattice, scratch, depths[m])
+        _depths(stored_tubes, state, ends, normals, column, order, lattice, scratch, depths[m])
     best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 
@@ -429,14 +426,14 @@ def unpacked_lattice(ints, floats):
 
 
 @kernel()
-def working_room(columns, ndim, inputs, size, segments, held, normals):
-    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, walls and normals."""
+def working_room(columns, ndim, inputs, size, segments, held):
+    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, and walls."""
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
     nodes = axes, np.empty(around, np.int64), np.empty(around), np.empty(inputs, np.bool_)
     block = np.empty(size, np.int64), np.empty(2 * size)
-    sums = np.empty((2 + segments, inputs, ndim, 1)), held, normals
+    sums = np.empty((2 + segments, inputs, ndim, 1)), held
     return LookupScratch(np.empty((columns, 2, ndim)), *nodes, spans[0], spans[1], *block, np.empty(ndim), *sums)
 
 
@@ -449,8 +446,7 @@ def avoid_values(states, step, ints, floats, static, moving, out):
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
     stored_tubes = StoredTubes(0, -1, *nothing, static, axes[0], moving, axes[1])
-    faces, none = part(ints, floats, AT_FACES), np.empty(0)
-    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, faces, none)
+    scratch = working_room(1, states.shape[1], out.shape[1], 0, 0, part(ints, floats, AT_FACES))
     for m in range(out.shape[0]):
         hazards(stored_tubes, step, states[m], lattice, scratch, out[m])
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
-from itertools import combinations, pairwise, product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -336,8 +336,8 @@ class Interval:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
             shares = self.delta * (WEIGHTS / 2 if dynamics.timed else np.ones(1))
             nothing = np.zeros((1, self.grid.ndim))
-            each = [[share * dynamics.along(nothing, j, t, ways) for share, t in zip(shares, times.tolist(), strict=True)] for j in count]
-            return np.sum(each, axis=1).swapaxes(0, 1)
+            each = [[dynamics.along(nothing, j, t, ways) for t in times.tolist()] for j in count]
+            return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
         times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         centre, points, far = self._moves(states, begin)[1], self.grid.wrapped(states), []
         for j in count:

@@ -36,7 +36,7 @@ def prepared(
     when, inputs = (times if checks else times[:0], faces, np.array([interval.begin])), np.arange(len(problem.inputs))
     under = [0 * inputs - 1 if part.inputs is None else part.counts(inputs) for part in problem.unsafe]
     some = np.array(under, dtype=np.int64) if conditional(problem) else np.zeros(0, np.int64)
-    return packed(*grid.arrays, *axes, order, *when, some, interval.normals, *tapes)
+    return packed(*grid.arrays, *axes, order, *when, some, *tapes)
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
@@ -75,7 +75,7 @@ def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: F
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
     queue, _, hazard, points, _, level, there = samples
-    given = batch.within, batch.states, rows, (ints, floats), (ends, scores), out, samples
+    given = batch.within, batch.states, rows, (ints, floats), (ends, scores, table.normals), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]

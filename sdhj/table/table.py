@@ -355,8 +355,9 @@ class LookupTable(Table):
         """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
+        packs = tuple(self.packed_at(batch.step))
         return bool(
-            decide(batch.states, rows, when, tuple(self.packed_at(batch.step)), self._stored, ends, scores, out)
+            decide(batch.states, rows, when, packs, self._stored, ends, self.normals, scores, out)
         )
 
     @cached_property
