@@ -165,9 +165,7 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
         several = (pushes != 0).sum(axis=0) > 1
         spread = np.abs(pushes[:, ~several]).sum(axis=1)
         boxes.append((centre - spread, centre + spread, list(pushes[:, several].T), []))
-    kinds = [
-        len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high, *_ in boxes}) for axis in range(grid.ndim)
-    ]
+    kinds = [len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high, *_ in boxes}) for axis in range(grid.ndim)]
     order = sorted(range(grid.ndim), key=lambda axis: kinds[axis] if dynamics.constant else axis)
     avoid = [(table.avoid.static_axes, table.avoid.static)]
     if step < table.steps:

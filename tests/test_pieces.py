@@ -150,7 +150,9 @@ def boxes_of_pieces(way, pieces=8):
 def hull_of_pieces(way, apart):
     """The corners of the hull of these boxes, and a net of points in it."""
     (x0, y0), (x1, y1) = (end.T for end in boxes_of_pieces(way))
-    corners = naive_zonotopes.polygon(np.concatenate([np.stack(one, 1) for one in [(x0, y0), (x0, y1), (x1, y0), (x1, y1)]]))
+    corners = naive_zonotopes.polygon(
+        np.concatenate([np.stack(one, 1) for one in [(x0, y0), (x0, y1), (x1, y0), (x1, y1)]])
+    )
     each = [np.arange(a, b + apart, apart) for a, b in zip(corners.min(axis=0), corners.max(axis=0), strict=True)]
     net = np.stack(np.meshgrid(*each, indexing="ij"), axis=-1).reshape(-1, 2)
     return corners, np.concatenate([corners, net[naive_zonotopes.distance(net, corners) == 0.0]])
@@ -218,7 +220,9 @@ def test_reachable_states_are_the_hull(compass):
         assert outside.max() < 0.02 * np.ptp(corners, axis=0).max()  # 32 directions: cosines of 5.6 degrees
         beyond = middle + 1.05 * (ends[j, :4] - middle)
         cut = np.abs(ends[j, :4] - middle).max(axis=1) < 0.99 * np.abs([low[j], high[j]] - middle).max()
-        assert (naive_zonotopes.distance(beyond, corners)[~cut | (np.linalg.norm(beyond - middle, axis=1) > 0)] > 0).all()
+        assert (
+            naive_zonotopes.distance(beyond, corners)[~cut | (np.linalg.norm(beyond - middle, axis=1) > 0)] > 0
+        ).all()
 
 
 def test_at_a_wall_the_box_is_seen(compass):
@@ -260,7 +264,9 @@ def test_who_turns_v_at_will_breaks_few_promises(compass, rng, rule):
         if rule == "filter":
             best = controller.filter(q[alive], step, rng.integers(0, 9, len(alive))).inputs
         for _ in range(4):  # v is turned four times: to an end, or anywhere
-            v = np.where(rng.random(len(alive)) < 0.7, rng.choice([-1.0, 1.0], len(alive)), rng.uniform(-1, 1, len(alive)))
+            v = np.where(
+                rng.random(len(alive)) < 0.7, rng.choice([-1.0, 1.0], len(alive)), rng.uniform(-1, 1, len(alive))
+            )
             for _ in range(4):
                 q[alive] += 0.1 / 16 * turned(None, WAYS[best].T, [ERROR * v]).T
                 q[alive] = (q[alive] + 1.0) % 2.0 - 1.0

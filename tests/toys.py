@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def misled_velocities(q, u):
         return np.array([min(found), max(found)])
 
     boxes, cuts = [], np.linspace(-ERROR, ERROR, PIECES + 1)
-    for a, b in zip(cuts, cuts[1:], strict=False):
+    for a, b in pairwise(cuts):
         if len(q) == 3:
             both = [cosine(q[2] + a, q[2] + b), cosine(q[2] + a - np.pi / 2, q[2] + b - np.pi / 2), [u[0], u[0]]]
         else:

@@ -151,6 +151,7 @@ def decide(states, rows, when, packs, stored, ends, normals, scores, out):
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
-        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores, normals), (scratch, samples, work), out):
+        space, ahead = (scratch, samples, work), (near, scores, normals)
+        if needed < 0 or not _answer(some, states, when, packs, stored, ahead, space, out):
             return False
     return True

@@ -61,8 +61,8 @@ class LookupScratch(NamedTuple):
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
     Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
-    points of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies between
-    them, and into how many it is cut along each axis.
+    points of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies
+    between them, and into how many it is cut along each axis.
     """
 
     hull: Any
@@ -256,7 +256,9 @@ def _cut(slab, last, ends, normals, column, lattice, moved):
                 low = max(low, rest / along)
             else:
                 empty |= rest < 0.0
-        moved[0, j, last, 0], moved[1, j, last, 0] = min(low, high), max(low, high)
+        # by rounding they may be the wrong way round, but not past the box, whose nodes alone were gathered
+        moved[0, j, last, 0] = max(min(low, high), ends[0, j, last, column])
+        moved[1, j, last, 0] = min(max(low, high), ends[1, j, last, column])
         if empty or low - high > TINY * lattice.spacing[last]:
             for axis in range(ends.shape[2]):
                 middle = 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])

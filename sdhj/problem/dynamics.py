@@ -48,9 +48,9 @@ class Dynamics:
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
         between its extremes over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces methods "hji" and "certified" cut the range of each component of v that does not enter
-        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory
-        grow with it.
+        Into how many pieces methods "hji" and "certified", and margins, cut the range of each component of v that does
+        not enter linearly and moves several axes; the error falls with their number, to the first order, and cost and
+        memory grow with it.
 
     Raises
     ------
@@ -503,8 +503,10 @@ class VectorField:
         ends = self.disturbance(j, points[:1], points[:1], (t, t))
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
         pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(ways)), -np.inf)
-        for v in np.array_split(pieces, -(-len(points) * len(pieces) // AT_ONCE)):
-            low, high = (np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1))
+        for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
+            low, high = (
+                np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1)
+            )
             least, most = self._with_disturbance[j].bounds(low, high, (t, t))
             reach = (least + most) / 2 @ ways.T + (most - least) / 2 @ np.abs(ways).T
             found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))

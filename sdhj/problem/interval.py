@@ -318,16 +318,17 @@ class Interval:
         The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
         each normal is known; the more pieces, the less is between the planes beside that hull.
         """
-        dynamics, found = self.dynamics, list[FloatArray]()
-        pieces = dynamics.cuts(range(self.grid.ndim)) if dynamics.is_cut else ()
-        for pair in combinations(range(self.grid.ndim), 2) if 1 < math.prod(pieces) <= MOST_PIECES else ():
-            ways = min(FAN * max(dynamics.cuts(pair)), MOST_WAYS)
-            for k in range(ways if max(dynamics.cuts(pair)) > 1 else 0):
+        dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
+        pieces = math.prod(dynamics.cuts(range(ndim)))
+        for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
+            most = max(dynamics.cuts(pair))
+            ways = min(FAN * most, MOST_WAYS)
+            for k in range(ways if most > 1 else 0):
                 if 4 * k % ways:  # not along an axis
-                    angle, normal = 2 * np.pi * k / ways, np.zeros(self.grid.ndim)
-                    normal[list(pair)] = np.array([np.cos(angle), np.sin(angle)]) / np.take(self.grid.spacing, pair)
-                    found.append(normal)
-        return np.array(found).reshape(-1, self.grid.ndim)
+                    normal = np.zeros(ndim)
+                    normal[list(pair)] = np.cos(angle := 2 * np.pi * k / ways), np.sin(angle)
+                    found.append(normal / self.grid.spacing)
+        return np.array(found).reshape(-1, ndim)
 
     def _farthest(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
         """The greatest n . x of the states x at the end, relative to the states, for each way n: (M, L, ways)."""
@@ -338,10 +339,10 @@ class Interval:
             nothing = np.zeros((1, self.grid.ndim))
             each = [[dynamics.along(nothing, j, t, ways) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
-        times = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         centre, points, far = self._moves(states, begin)[1], self.grid.wrapped(states), []
         for j in count:
-            beyond = [dynamics.along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in times]
+            beyond = [dynamics.along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants]
             far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
 
@@ -435,7 +436,7 @@ class Interval:
 
     @property
     def held(self) -> FloatArray:
-        """The walls at which states may end outside the sum of segments, or past planes: (2, ndim), infinite where none."""
+        """The walls at which states may end outside the sum of segments or past planes: (2, ndim), else infinite."""
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
             walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
