@@ -266,7 +266,7 @@ def _cut(slab, last, ends, normals, column, lattice, moved):
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, ends, normals, column, order, lattice, scratch, out):
+def _worst_values(values, state, box, normals, space, out):
     """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
@@ -274,6 +274,7 @@ def _worst_values(values, state, ends, normals, column, order, lattice, scratch,
     boxes around these. Where they are held at a wall, or too many, the box around it. What is for planes alone is not
     compiled where normals is None.
     """
+    (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
     if normals is not None:
@@ -316,13 +317,14 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 
 @kernel(**UNCOUNTED)
-def _depths(stored_tubes, state, ends, normals, column, order, lattice, scratch, out):
+def _depths(stored_tubes, state, box, normals, space, out):
     """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
     """
-    _worst_values(stored_tubes.tubes[stored_tubes.game], state, ends, normals, column, order, lattice, scratch, out)
+    (ends, column), (_, lattice, scratch) = box, space
+    _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
     centre, index, weight = scratch.centre, scratch.index[1], scratch.weight[1]
     for j in range(out.size):
         for axis in range(state.size):
@@ -369,9 +371,9 @@ def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
 
 
 @kernel(**UNCOUNTED)
-def by_tubes(m, column, states, when, stored_tubes, ends, normals, space, out):
+def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     """The answers for one state, but for the look at the true sets."""
-    (order, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
+    (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -388,9 +390,9 @@ def by_tubes(m, column, states, when, stored_tubes, ends, normals, space, out):
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
-    _worst_values(tube, state, ends, normals, column, order, lattice, scratch, margins[m])
+    _worst_values(tube, state, box, normals, space, margins[m])
     if stored_tubes.game >= 0:
-        _depths(stored_tubes, state, ends, normals, column, order, lattice, scratch, depths[m])
+        _depths(stored_tubes, state, box, normals, space, depths[m])
     best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 

@@ -357,7 +357,7 @@ class LookupTable(Table):
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
         packs = tuple(self.packed_at(batch.step))
-        return bool(decide(batch.states, rows, when, packs, self._stored, ends, self.normals, scores, out))
+        return bool(decide(batch.states, rows, when, packs, self._stored, (ends, scores, self.normals), out))
 
     @cached_property
     def _all_formulas(self) -> bool:
