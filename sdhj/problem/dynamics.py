@@ -88,8 +88,8 @@ class Dynamics:
     bounds: Any = None
     velocity: Any = None
     pieces: int = CUTS
-    _ball: bool = field(default=False, init=False, repr=False, compare=False)
-    _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _polar: Any = field(default=None, init=False, repr=False, compare=False)  # where a ball's v may be nonlinear
+    _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check inputs, functions and arrays; ValueError where one does not fit."""
@@ -103,8 +103,11 @@ class Dynamics:
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
             raise ValueError("gain and bounds belong together: how the disturbance moves the state, how large it is")
-        object.__setattr__(self, "_ball", isinstance(self.bounds, Ball))
         if isinstance(ball := self.bounds, Ball):  # from here on, its sides are components
+            if self.velocity is not None and not isinstance(self.velocity, BlackBox):
+                velocity, most = ball.in_polar(self.velocity)
+                polar = Dynamics(inputs, velocity=velocity, bounds=most, pieces=self.pieces)
+                object.__setattr__(self, "_polar", polar)
             name = "gain" if self.velocity is None else "velocity"
             object.__setattr__(self, name, getattr(ball, name)(getattr(self, name)))
             object.__setattr__(self, "bounds", ball.bounds())
@@ -134,11 +137,11 @@ class Dynamics:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
-                if self._ball:
-                    raise ValueError(
-                        "a Ball needs a disturbance that enters the velocity linearly; give bounds=[radius, radius], "
-                        "which errs to the safe side"
-                    )
+                if self._polar is not None:
+                    found = self._polar.read(ndim)
+                    self._parts.clear()
+                    self._parts.update(self._polar._parts)
+                    return found
                 scaled = partial(_scaled_velocity, velocity, bounds)
                 drift, gain = Formula.traced("velocity", scaled, ndim, 1 + D) if bounds.reads.any() else velocity, None
             else:
@@ -158,8 +161,7 @@ class Dynamics:
 
         Each input has one of the `times`, and the first all.
         """
-        for name, formula in self._parts.items():
-            function = getattr(self, name)
+        for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
                 u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
@@ -214,8 +216,8 @@ class Dynamics:
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
         results = sure_of_zeros(name, outputs, ndim, parameters)
-        self._parts[name] = Formula(results, ndim, parameters, (count, *one), name)
-        return self._parts[name]
+        self._parts[name] = given, Formula(results, ndim, parameters, (count, *one), name)
+        return self._parts[name][1]
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
