@@ -119,6 +119,16 @@ def tide(*, turning: bool) -> Any:
     return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics, steps=4)
 
 
+def askew() -> Any:
+    """Commands that are played in a direction which is off by v, the more so with time: margins are over hulls."""
+
+    def velocity(q: Any, u: Any, v: Any) -> Any:
+        return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
+
+    dynamics = sdhj.Dynamics(FIVE, velocity=velocity, bounds=lambda t: np.stack([0.5 + 0.1 * np.sin(t)]), pieces=4)
+    return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
+
+
 def turned() -> Any:
     """The adversary pushes along two directions that are no axes: no box, Lax-Friedrichs with modes."""
     dynamics = sdhj.Dynamics(FIVE, FIVE, [[0.1, 0.06], [-0.05, 0.1]], [1.0, 0.8])
@@ -260,6 +270,7 @@ CASES: dict[str, Case] = {
     "plane, moving, certified": Case(lambda: moving(True), sdhj.Certified(cells=(40, 30), parts=3)),
     "plane, turned adversary": Case(turned),
     "plane, turned adversary, certified": Case(turned, sdhj.Certified(cells=(80, 60), parts=3)),
+    "plane, askew": Case(askew),
     "plane, forbidden inputs": Case(
         lambda: plane(sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
     ),

@@ -55,13 +55,6 @@ def turned():
     return unicycle_problem()
 
 
-def in_the_plane(bounds):
-    """A robot in the plane, of whose disturbance the square moves it."""
-    moved = sdhj.Dynamics([[0.5, 0.0], [-0.5, 0.0]], velocity=lambda q, u, v: u + v**2, bounds=bounds)
-    grid, goal = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21]), sdhj.TargetSet((0, 1), lambda p, t: p[:, 0] - 0.5)
-    return sdhj.ReachAvoidProblem(grid, moved, goal, [], 0.2, 2)
-
-
 def square(p, t):
     return np.abs(p[:, 0]) - 1.0
 
@@ -138,11 +131,6 @@ CASES = {
         r"the answer depends on time: give the step, for example select\(q, step=0\)",
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
-    ),
-    "a ball of a disturbance that is squared": (
-        r"enters the velocity linearly; give bounds=\[radius, radius\]",
-        lambda to: in_the_plane(sdhj.Ball(0.1)),
-        lambda to: in_the_plane([0.1, 0.1]),
     ),
     "a rule that answers NaN": (
         "met a NaN, .*; look at the functions it calls",

@@ -351,6 +351,12 @@ class Table:
             self._answer(batch, rows, ends)
         settle(self, batch, rows, ends, scores, checks)
 
+    @cached_property
+    def normals(self) -> FloatArray | None:
+        """Normals of the planes that inputs lead between (`Interval.normals`); None where there are none."""
+        normals = self.problem.interval(0).normals
+        return normals if normals.size and not self.proved else None
+
     def packed_at(self, step: int) -> Tape:
         """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps."""
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step

@@ -3,8 +3,9 @@
 A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
 alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
-adversary couples axes, a margin is over the sum of a box and segments; where gain or bounds depend on time, and at
-walls, it is over the box around, which is larger than the reachable set, and promises are given more rarely.
+adversary couples axes, a margin is over the sum of a box and segments or, where v enters nonlinearly, over the hull of
+what its pieces lead to; where gain or bounds depend on time, and at walls, it is over the box around, which is larger
+than the reachable set, and promises are given more rarely.
 """
 
 import os
@@ -355,9 +356,8 @@ class LookupTable(Table):
         """Fill in some rows of a batch by compiled code; False where it met something undefined, and did not."""
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
-        return bool(
-            decide(batch.states, rows, when, tuple(self.packed_at(batch.step)), self._stored, ends, scores, out)
-        )
+        packs = tuple(self.packed_at(batch.step))
+        return bool(decide(batch.states, rows, when, packs, self._stored, (ends, scores, self.normals), out))
 
     @cached_property
     def _all_formulas(self) -> bool:
