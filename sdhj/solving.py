@@ -183,7 +183,7 @@ def resolve(
     >>> def seen_at(x):
     ...     steps = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
     ...     return sdhj.ReachAvoidProblem(
-    ...         grid=sdhj.Grid([0.0, -1.0], [4.0, 1.0], [41, 21]),
+    ...         grid=sdhj.Grid([0.0, -1.0], [4.0, 1.0], [81, 41]),
     ...         dynamics=sdhj.Dynamics(inputs=steps, drift=steps, gain=np.eye(2), bounds=[0.1, 0.1]),
     ...         target=sdhj.TargetSet((0,), lambda p, t: 3.0 - p[:, 0]),
     ...         unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - x, p[:, 1]) - 0.3)],

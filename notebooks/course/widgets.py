@@ -36,7 +36,7 @@ from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
-FRAMES = 20  # of a control at most, on a page without a kernel
+FRAMES = 21  # of a control at most, on a page without a kernel
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
@@ -353,13 +353,13 @@ def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
 
 
 def places(control: Any, named: Sequence[float] = ()) -> list[Any]:
-    """At most FRAMES values of a slider: both ends, the value that it has, what is named, and others evenly between."""
+    """FRAMES values of a slider, or all: both ends, the value that it has, what is named, and others evenly between."""
     kind, step = type(control.value), getattr(control, "step", 1)
-    last, at = round((control.max - control.min) / step), round((control.value - control.min) / step)
-    wanted = {0, last, at, *(round((value - control.min) / step) for value in named)}
-    stride = 1
-    while len(chosen := wanted | set(range(at % stride, last + 1, stride))) > FRAMES:
-        stride += 1
+    last = round((control.max - control.min) / step)
+    wanted = {round((value - control.min) / step) for value in (control.value, *named)}
+    even = min(FRAMES, last + 1)
+    while len(chosen := wanted | set(np.rint(np.linspace(0, last, even)).astype(int).tolist())) > FRAMES:
+        even -= 1
     return [min(control.min + kind(place * step), control.max) for place in sorted(chosen)]
 
 
@@ -392,7 +392,7 @@ LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
 def slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
     """A slider; with live=False it acts only where it is let go."""
     kind = ipywidgets.IntSlider if all(isinstance(v, int) for v in (low, high, step, value)) else ipywidgets.FloatSlider
-    shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f"}
+    shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f" if step >= 0.01 else ".3f"}
     return kind(value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **LOOK)
 
 

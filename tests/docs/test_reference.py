@@ -75,6 +75,24 @@ def test_all_that_users_name_is_in_it_and_nothing_else() -> None:
             )
 
 
+def test_everything_in_it_can_be_imported_as_it_says() -> None:
+    for kind, name in LISTED:
+        if kind in ("class", "function", "exception"):
+            module, _, own = name.rpartition(".")
+            scope: dict[str, Any] = {}
+            exec(f"from {module} import {own}", scope)
+            assert scope[own] is object_of(name)
+
+
+def test_every_warning_and_error_that_a_user_meets_is_offered_by_the_package() -> None:
+    own = re.compile(r"^class ([A-Z]\w*)\(\w*(?:Warning|Error|Exception)\)", re.MULTILINE)
+    found = {name for path in (ROOT / "sdhj").rglob("*.py") for name in own.findall(path.read_text("utf-8"))}
+    assert found - {"Refusal", "Stated"} <= set(sdhj.__all__) and len(found) >= 6  # the command's; one that is caught
+    assert {kind: issubclass(getattr(sdhj, kind), Warning) for kind in found & set(sdhj.__all__)} == {
+        kind: kind.endswith("Warning") for kind in found & set(sdhj.__all__)
+    }
+
+
 def with_arguments() -> list[tuple[str, Any]]:
     found = []
     for kind, name in LISTED:
