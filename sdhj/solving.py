@@ -164,8 +164,14 @@ def resolve(
     table : Table
         Of `solve` or `resolve`; it stays as it is. One of `resolve` has more to take from: it keeps also the solutions
         between the tubes, which take as much memory as these, and the avoid tubes of each set.
-    problem, method, progress, operations
-        As in `solve`.
+    problem : ReachAvoidProblem
+        What is solved now.
+    method : Method or {"hji", "lax", "projected", "certified"}
+        The one that `table` is of, or nothing is taken.
+    progress : bool, optional
+        Whether to show a progress bar; by default where standard error is a terminal.
+    operations : float
+        More than so many are refused, as hours are usually meant to be a smaller grid.
 
     Returns
     -------
@@ -173,8 +179,10 @@ def resolve(
 
     Raises
     ------
-    ValueError, MemoryError
-        As `solve`; ValueError if `table` is none.
+    ValueError
+        If `table` is none, an option does not fit the problem, or it takes too many operations.
+    MemoryError
+        If there is not enough memory.
 
     Examples
     --------
@@ -234,12 +242,22 @@ def _rehearsed(table: Table) -> dict[str, Any]:
 def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
     """State what `solve` in memory would cost, by the model by which it refuses what is too long, and solve nothing.
 
+    Parameters
+    ----------
+    problem : ReachAvoidProblem
+    method : Method or {"hji", "lax", "projected", "certified"}
+
+    Returns
+    -------
+    Cost
+        `operations`, `nbytes` of memory, `tubes` and more; `print` shows them in a line.
+
     Raises
     ------
     ValueError
         If the method does not fit the problem, or does not say what it costs.
     MemoryError
-        As `solve`.
+        If there is not enough memory to find out.
 
     Examples
     --------
@@ -294,6 +312,11 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         The problem that the table was solved for. It is needed only if it has black boxes (`sdhj.BlackBox`), whose
         functions a file cannot contain. It must be the problem of the solve, up to the rounding of another machine. If
         it has no number of steps, it gets the number in the file.
+
+    Returns
+    -------
+    LookupTable, CertifiedTable or StoredTable
+        Of the class that was saved.
 
     Raises
     ------

@@ -26,7 +26,7 @@ class Candidates:
     before : (P,) int array
         Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
     margins : (P,) array
-        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
+        The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 

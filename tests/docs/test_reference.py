@@ -40,6 +40,9 @@ WITHOUT_ERRORS = {
     "frame_slice",
 }
 
+# Fields that no user gives.
+MADE_BY_THE_LIBRARY = {"sdhj.LookupTable": {"reusable", "player"}, "sdhj.BlackBox": {"shape", "name"}}
+
 
 def listed() -> Iterator[tuple[str, str]]:
     """What the reference names: the kind of each entry, and its name."""
@@ -109,6 +112,9 @@ def test_it_has_an_example_and_says_what_is_refused(name: str, given: Any) -> No
     """Doctests run the examples: `pytest sdhj`."""
     text = inspect.getdoc(given) or ""
     assert ">>> " in text
+    said = text.split("Examples\n")[0]
+    unsaid = {own for own in inspect.signature(given).parameters if not re.search(rf"\b{own}\b", said)}
+    assert unsaid <= {"self", "ax"} | MADE_BY_THE_LIBRARY.get(name, set())
     made = inspect.isclass(given)
     if not made and name.split(".")[-1] not in WITHOUT_ERRORS and not name.startswith("sdhj.plotting.draw"):
         assert re.search(r"\w+Error|NotAdmissible|As `sdhj|errors raised", text), text

@@ -86,7 +86,7 @@ def strips(path: Path) -> list[Any]:
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> None:
-    """Some twenty of them: the first setting and what is named; and numbers that stand beside the slider's name in the text around it."""
+    """Some twenty frames: the first setting, what is named, and numbers beside its name in the text around."""
     found, cells = strips(path), read(path).cells
     shown = [
         place for place, cell in enumerate(cells) if TOOL["WIDGET"].search(cell.source) and cell.cell_type == "code"

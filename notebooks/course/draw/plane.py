@@ -17,7 +17,6 @@ from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, TARGET_LOOKS
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
-
 UNSAFE_PINK, NOTHING = (0.965, 0.741, 0.659, 1.0), (1.0, 1.0, 1.0, 0.0)
 
 

@@ -78,7 +78,7 @@ def explore_holding(nodes: int = 41) -> Explorer:
 
 
 def explore_filling(table: Table) -> Explorer:
-    """The look-up table while it is made, row by row from below: the walls of a row, and then one tube after another."""
+    """The look-up table while it is made, row by row from below: first its walls, then one tube after another."""
 
     def draw(figure: Figure, made: int) -> Numbers:
         return draw_filling(figure.subplots(), table, made)
@@ -128,9 +128,7 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
         "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": slider("start, step k", 0, 4, 1, 0),
     }
-    return Explorer(
-        draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max"
-    )
+    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max")
 
 
 def explore_car(table: Table) -> Explorer:
