@@ -76,6 +76,13 @@ def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) ->
     index : int
         Which of run.times.
 
+    Raises
+    ------
+    ValueError
+        If the problem is another.
+    IndexError
+        If the run has no such time.
+
     Examples
     --------
     With the paper's arm on a few nodes:

@@ -28,6 +28,8 @@ DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, t
 class NotAdmissible(ValueError):
     """No tube of this step contains the state: no safe way to the target in the steps that are left is known.
 
+    Raised by `Controller.select` and others; `Controller.fallback` answers for any state, `table.explain(q)` says why.
+
     Examples
     --------
     >>> import sdhj

@@ -14,6 +14,9 @@ from sdhj.table.batches import Batch
 class Candidates:
     """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
 
+    A rule is a function of it that returns a score (P,) for each pair; of each state the input of least score is taken.
+    It is given to `sdhj.Controller`, which raises ValueError where it returns something else.
+
     Attributes
     ----------
     problem : ReachAvoidProblem
