@@ -86,7 +86,7 @@ def _first_line(draw: Draw) -> str:
 
 
 def _told(numbers: Numbers) -> str:
-    return "; ".join(f"{name}: {_number(value)}" for name, value in numbers.items())
+    return "; ".join(f"{name.replace('$', '')}: {_number(value)}" for name, value in numbers.items())
 
 
 def _number(value: float | str) -> str:
