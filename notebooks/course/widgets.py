@@ -37,6 +37,7 @@ from sdhj.table.batches import Table
 DPI = 115
 WIDE = (8.2, 3.5)
 FRAMES = 21  # of a control at most, on a page without a kernel
+TALLEST = 16_383  # pixels of a WebP picture, which holds them one below the other
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
@@ -266,10 +267,10 @@ class Explorer:
         """
         name = name or self.motion
         control, picture = self.controls[name], self._picture
-        first = control.value
+        first, most = control.value, min(FRAMES, TALLEST // PIL.Image.open(io.BytesIO(self.png)).height)
         self._picture = None
         try:
-            for value in places(control, self.named if name == self.motion else ()):
+            for value in places(control, self.named if name == self.motion else (), most):
                 self.set(**{name: value})
                 if not self.error:
                     yield _number(value), self.png, _told(self.numbers)
@@ -352,13 +353,13 @@ def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
     return width, height
 
 
-def places(control: Any, named: Sequence[float] = ()) -> list[Any]:
-    """FRAMES values of a slider, or all: both ends, the value that it has, what is named, and others evenly between."""
+def places(control: Any, named: Sequence[float] = (), most: int = FRAMES) -> list[Any]:
+    """Most values of a slider, or all: both ends, the value that it has, what is named, and others evenly between."""
     kind, step = type(control.value), getattr(control, "step", 1)
     last = round((control.max - control.min) / step)
     wanted = {round((value - control.min) / step) for value in (control.value, *named)}
-    even = min(FRAMES, last + 1)
-    while len(chosen := wanted | set(np.rint(np.linspace(0, last, even)).astype(int).tolist())) > FRAMES:
+    even = min(most, last + 1)
+    while len(chosen := wanted | set(np.rint(np.linspace(0, last, even)).astype(int).tolist())) > most:
         even -= 1
     return [min(control.min + kind(place * step), control.max) for place in sorted(chosen)]
 

@@ -601,6 +601,12 @@ def test_frames_hold_the_ends_the_first_setting_and_what_the_text_names(control:
     assert apart.max() <= 2 * (control.max - control.min) / (min(every, widgets.FRAMES) - 1) + 1e-9
 
 
+def test_frames_of_a_tall_picture_are_as_many_as_a_file_holds() -> None:
+    """WebP pictures have up to 16,383 pixels on a side."""
+    explorer = widgets.Explorer(draw_share, {"share": widgets.slider("share", 0.0, 0.75, 0.01, 0.5)}, size=(1.0, 8.0))
+    assert 15 <= len(list(explorer.frames())) <= 16_383 // 920
+
+
 def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     controls = {"share": slider(0.5), "moment": widgets.slider("moment", 0, 3, 1, 1)}
     explorer = widgets.Explorer(

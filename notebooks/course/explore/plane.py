@@ -63,7 +63,7 @@ def explore_holding(nodes: int = 41) -> Explorer:
         table = sdhj.solve(problem, progress=False)
         ax = figure.subplots()
         draw_plane_game(ax, table)
-        ax.set_title(f"{intervals} intervals of {0.8 / intervals:.2f} s")
+        ax.set_title(f"{intervals} interval{'s' * (intervals > 1)} of {0.8 / intervals:.2f} s")
         return {
             "share of the square inside": table.fraction(start=0, within=intervals),
             "one-step games solved": len(problem.inputs) * intervals * (intervals + 1) // 2,

@@ -54,7 +54,7 @@ def explore_run(
         else choice("initial state", (0,), 0),
         "adversary": choice("adversary", adversaries, adversaries[-1]),
         "rule": choice("rule", tuple(given), next(iter(given))),
-        "seed": slider("seed of the random adversary", 0, 9, 1, 0),
+        "seed": slider("seed, where it is random", 0, 9, 1, 0),
         "moment": played(slider("progress of the run (%)", 0, 100, 5, 60)),
     }
 
