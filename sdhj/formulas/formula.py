@@ -526,7 +526,7 @@ def union(*functions: Any) -> Any:
 
     Parameters
     ----------
-    *functions : callable (points (M, axes), t) -> (M,)
+    functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
 
     Examples
@@ -546,7 +546,7 @@ def intersection(*functions: Any) -> Any:
 
     Parameters
     ----------
-    *functions : callable (points (M, axes), t) -> (M,)
+    functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
 
     Examples

@@ -101,7 +101,7 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
     ----------
     width, height : float
         Inches.
-    **options
+    options
         Of `matplotlib.figure.Figure`.
 
     Examples

@@ -320,7 +320,7 @@ def draw_path(
         The two axes of the grid that are shown, ascending.
     marks : (K, ndim) array, optional
         States that get a dot, as `Trajectory.samples`.
-    **line
+    line
         Of `matplotlib.lines.Line2D`.
 
     Examples
