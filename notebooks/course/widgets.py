@@ -348,7 +348,7 @@ def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
     strip = PIL.Image.new("RGB", (width, height * len(pictures)))
     for place, picture in enumerate(pictures):
         strip.paste(picture, (0, place * height))
-    few = strip.quantize(64, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
+    few = strip.quantize(48, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
     few.save(path, lossless=True, quality=80)
     return width, height
 
