@@ -392,6 +392,13 @@ class CertifiedTable(Table):
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide.
 
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
+
         Raises
         ------
         ValueError

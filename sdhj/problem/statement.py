@@ -63,6 +63,11 @@ class Statement(Remembering):
     def time(self, step: int) -> float:
         """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
 
+        Parameters
+        ----------
+        step : float
+            k, from 0 to N; parts of a step count.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:

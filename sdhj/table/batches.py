@@ -142,7 +142,15 @@ class Table:
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
         """Simulate runs from the whole tube, to see how many of the table's promises are broken.
 
-        `runs`, `adversary`, `seed` and `steps` are those of `sdhj.monte_carlo`.
+        Parameters
+        ----------
+        runs : int
+        adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+            Who chooses the disturbance: see `sdhj.simulate`.
+        seed : int
+            The same seed gives the same runs.
+        steps : int, optional
+            How many to simulate, if nothing depends on time; by default the table's, or 100 if it stays clear for ever.
 
         Returns
         -------
@@ -152,7 +160,7 @@ class Table:
         Raises
         ------
         ValueError
-            As `sdhj.monte_carlo`.
+            If an option is invalid, an adversary exceeds its bounds, or the tube is empty.
 
         Examples
         --------
@@ -173,8 +181,10 @@ class Table:
         ----------
         q : (ndim,)
             The state, in the units of the grid's axes.
-        step, within : int
-            As `start` and `within` of `contains`.
+        step : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - step.
 
         Returns
         -------
@@ -263,6 +273,13 @@ class Table:
 
         It is the share of the grid's volume, counted by nodes, or by cells for a certified table.
 
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
+
         Raises
         ------
         ValueError
@@ -308,6 +325,20 @@ class Table:
         An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go: by default the inputs
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
         N - step is used. ValueError also where a state has a NaN or an infinity.
+
+        Parameters
+        ----------
+        states : (M, ndim) array
+            In the units of the grid's axes.
+        step : int
+            The one step k at which they all are, from 0 to N.
+        within : int, optional
+            n: which inputs count as safe, as above; by default those that make progress.
+
+        Returns
+        -------
+        Batch
+            `steps_to_go` (M,), -1 in no tube; `safe` (M, L) bool; `margins` (M, L), <= 0 where the next tube holds.
 
         Raises
         ------
@@ -486,6 +517,15 @@ class Table:
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
         `within` (M,) is clipped to the range from 0 to N - step.
+
+        Parameters
+        ----------
+        points : (M, V, ndim) array
+            In the units of the grid's axes.
+        step : int
+            The step k, from 0 to N.
+        within : (M,) int array
+            The steps to go of each row's tube.
 
         Raises
         ------

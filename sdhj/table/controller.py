@@ -28,6 +28,8 @@ DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, t
 class NotAdmissible(ValueError):
     """No tube of this step contains the state: no safe way to the target in the steps that are left is known.
 
+    Raised by `Controller.select` and others; `Controller.fallback` answers for any state, `table.explain(q)` says why.
+
     Examples
     --------
     >>> import sdhj
@@ -163,8 +165,14 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
-        Each leads into the tube of one step less, or from the target back into it. `q` and `step` are those of
-        `steps_to_go`.
+        Each leads into the tube of one step less, or from the target back into it.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
 
         Returns
         -------
@@ -192,8 +200,16 @@ class Controller:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`;
-        `before` is the input held until now, an index, which a rule may heed; -1 if there is none.
+        safe, without a promise; `batch(q[None], step).promised` tells.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        before : int
+            Index of the input held until now, which a rule may heed; -1 if there is none.
 
         Returns
         -------
@@ -232,9 +248,24 @@ class Controller:
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
 
-        For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
-        the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
-        ValueError also at the last step.
+        For states that no tube contains, on the grid or off it.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        Fallback
+            `input`, an index into problem.inputs, and `steps`, for how many staying clear is promised; 0: for none.
+
+        Raises
+        ------
+        ValueError
+            If q or step does not fit, and at the last step N, after which no input is held.
 
         Examples
         --------
@@ -353,8 +384,17 @@ class Controller:
     def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
         """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
 
-        Arguments and errors are those of `predict`. It is asked of the prediction: `table.contains` speaks of the state
+        It is asked of the prediction (`predict`): `table.contains` speaks of the state
         when the input of the step starts, where the robot has moved on by the delay under the previous input.
+
+        Parameters
+        ----------
+        measurement : (ndim,) or (M, ndim) array
+            One measured state, or many, in the units of the grid's axes.
+        previous : int or (M,) int, optional
+            Index into problem.inputs of the input that acts until the one of this step does; by default `Sensing.rest`.
+        step : int, optional
+            k, from 0 to N; may be omitted if nothing depends on time.
 
         Returns
         -------
@@ -385,6 +425,18 @@ class Controller:
         stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
         For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
         NotAdmissible is raised.
+
+        Parameters
+        ----------
+        measurement : (ndim,) array
+            The measured state, in the units of the grid's axes.
+        time : float
+            When it was taken, s after the loop began: near 0 for the first.
+
+        Returns
+        -------
+        Action
+            `input`, an index into problem.inputs, `promised`, whether the way to the target is, and `arrived`.
 
         Raises
         ------
@@ -488,7 +540,7 @@ class Controller:
             One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements,
             each judged by itself, which needs `Sensing(memory=False)` to be promised anything beyond the step.
         step : int, optional
-            As for `steps_to_go`.
+            The step k at which the robot is in q, from 0 to N - 1; may be omitted if nothing depends on time.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
@@ -570,8 +622,19 @@ class Controller:
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
-        It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`. `before` (M,)
-        are the inputs held until now, -1 where none is known, as by default: `Candidates.before`.
+        It is the safe input of least score by the rule that is also safe by the true sets or, if none is, `Batch.best`.
+
+        Parameters
+        ----------
+        batch : Batch
+            What `batch` of the controller, or of its table, says of M states.
+        before : (M,) int, optional
+            The inputs held until now, which a rule may heed; -1 where none is known, as by default.
+
+        Returns
+        -------
+        (M,) int
+            Indices into problem.inputs.
 
         Raises
         ------

@@ -259,7 +259,12 @@ class LookupTable(Table):
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """The level-set function of a tube at the nodes of the grid, to draw or to measure it.
 
-        `start` and `within` select the tube, as in `contains`.
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
 
         Returns
         -------
@@ -287,6 +292,13 @@ class LookupTable(Table):
 
         u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
         in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
+
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
 
         Raises
         ------
@@ -385,6 +397,11 @@ class LookupTable(Table):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the table to an HDF5 file; replaces it, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Of the file; by custom it ends in .h5.
 
         Raises
         ------

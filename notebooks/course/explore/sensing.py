@@ -45,7 +45,7 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         return numbers
 
     controls = {
-        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.01, 0.02, live=False),
+        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.005, 0.02, live=False),
         "delay": slider("delay d (s)", 0.0, 0.2, 0.02, 0.1, live=False),
         "jitter": slider("jitter j (s)", 0.0, 0.1, 0.01, 0.02, live=False),
     }
