@@ -493,6 +493,8 @@ class CellSets:
         self.following[rows] = blocks
         every = self.proof.shrinks and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
+        if within == 1:
+            self.proof.add_arriving(self.cells, step)  # obligation 9.17
         self._keep(step, within, (self.cells != before).any(axis=1))
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
