@@ -284,15 +284,18 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
 
 
 def inputs_that_lead(table, step, following):
-    """Which inputs are clear from a cell and lead into a set: (*cells, L) bool."""
+    """Which inputs are clear from a cell and lead into a set, or into the target itself: (*cells, L) bool."""
     proof, grid, found = table.proof, table.grid, np.zeros((*table.shape, len(table.problem.inputs)), bool)
     safe = [[end == "safe" for end in ends] for ends in grid.ends]
     low, high = (moves[min(step, len(moves) - 1)] for moves in (proof.low, proof.high))
     clear = proof.clear[min(step, len(proof.clear) - 1)].reshape(*table.shape, -1)
+    arrives = proof.arrives[min(step, len(proof.arrives) - 1)] if len(proof.arrives) else None
     for cell, j in itertools.product(np.ndindex(table.shape), range(found.shape[-1])):
         place = int(np.dot(cell, proof.strides))
         if clear[cell][j // 8] >> (j % 8) & 1:
             found[*cell, j] = leads(cell, low[j, place], high[j, place], following, grid.periodic, safe)
+            if arrives is not None:
+                found[*cell, j] |= bool(arrives[int(np.dot(cell, proof.sites)), j // 8] >> (j % 8) & 1)
     return found
 
 

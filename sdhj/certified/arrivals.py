@@ -62,14 +62,14 @@ class Arrivals:
         each = max(SITES_AT_ONCE // math.prod(proof.axes[axis].count for axis in free), 1)
         for begin in range(0, len(places), each):
             some = slice(begin, begin + each)
-            for step in range(len(arrives)) if len(proof.low) == 1 else (start,):  # obligation 9.8
+            for step in range(len(arrives)) if len(proof.low) == 1 else (start,):
                 self._mark(step, start, j, places[some], last[some], free)
 
     def _mark(
         self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]
     ) -> None:
         """`add`, of few places, at the end of the interval from one step."""
-        proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.9
+        proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
         own, near = proof.cells_at(places), self._near(step)
         sides = [
             tuple(self._along(axis, own, ends[start, j, places, axis].astype(np.int64), free) for axis in target.axes)
@@ -81,10 +81,10 @@ class Arrivals:
         cells[:, free] = np.stack(found[1:], axis=1) if free else cells[:, free]
         low, high = np.empty((2, len(cells), len(target.axes)))
         for column, axis in enumerate(target.axes):
-            edges, more = proof.axes[axis].edges(), 2 * proof.shell[axis]  # obligation 9.10
-            low[:, column] = edges[cells[:, axis]] + last[found[0], axis, 0] - more  # obligation 9.11
-            high[:, column] = edges[cells[:, axis] + 1] + last[found[0], axis, 1] + more  # obligation 9.12
-        inside = proof.bounds.inside(target, low, high, (t, t), HALVINGS, self.most)  # obligation 9.13
+            edges, more = proof.axes[axis].edges(), 2 * proof.shell[axis]  # obligation 9.9
+            low[:, column] = edges[cells[:, axis]] + last[found[0], axis, 0] - more  # obligation 9.10
+            high[:, column] = edges[cells[:, axis] + 1] + last[found[0], axis, 1] + more  # obligation 9.11
+        inside = proof.bounds.inside(target, low, high, (t, t), HALVINGS, self.most)
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:

@@ -185,6 +185,7 @@ class GeneralProof(Images):
             certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
             numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
+            # obligation 9.16
             bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
             rows = np.flatnonzero(bits.any(axis=1) & (ahead > 0))
             every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)

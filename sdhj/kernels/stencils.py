@@ -307,7 +307,7 @@ def add_marked(inside, clear, marks, strides, counts):
         for bit in range(last):
             at = site + bit * strides[counts.size - 1]
             for byte in range(marks.shape[1]):
-                if marks[at, byte] & clear[i * last + bit, byte]:  # obligation 9.18
+                if marks[at, byte] & clear[i * last + bit, byte]:  # obligation 9.15
                     inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
 
 
