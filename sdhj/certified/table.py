@@ -306,8 +306,8 @@ class CertifiedTable(Table):
         """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
 
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
-        target there may be no input that is proved to bring the state back into it one step later; and there no steps
-        are left to go even where the cell is none of S_k^0, as it may be at the end of a run.
+        target there may be no input that is proved to bring the state back into it one step later. At the
+        end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -316,22 +316,12 @@ class CertifiedTable(Table):
         to_go, safe, best = self._words.look(self, states, step, within, rule)
         if self.problem.has_no_target:
             to_go[to_go >= 0] = left
-        elif len(unproved := np.flatnonzero(to_go < 0)) and not self.problem.sensing:
-            to_go[unproved[self._arrived(states[unproved], step)]] = 0
         if scores is not None:
             none, best = best < 0, np.where(safe, scores, np.inf).argmin(axis=1)
             best[none] = NOT_ADMISSIBLE
         batch = ProvedBatch(states, step, within, to_go, safe, None, best)  # type: ignore[arg-type]  # when it is read
         batch.table = self
         return batch
-
-    def _arrived(self, states: FloatArray, step: int) -> FloatArray:
-        """Which of some states (M, ndim) are on the grid, in the target and clear of the unsafe sets: (M,) bool."""
-        problem, t = self.problem, self.problem.time(step)
-        out = ~problem.grid.beyond(states, "fails", "holds", "frees")
-        there = problem.grid.wrapped(states[out])
-        out[out] = (problem.target_value(there, t) <= 0.0) & (problem.unsafe_value(there, t) > 0.0)
-        return out
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
         """The input that a built-in rule prefers at the centre of each state's cell, (M,); -1 is none."""

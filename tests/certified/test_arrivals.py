@@ -69,14 +69,14 @@ def test_no_state_of_a_cell_that_arrives_is_outside_the_target(name):
             assert (problem.target_value(states, problem.time(step + 1)) <= 0.02 * problem.delta).all()
 
 
-def test_whoever_arrives_in_a_cell_that_is_not_whole_has_no_steps_to_go():
+def test_whoever_arrives_in_a_cell_that_is_not_whole_has_arrived():
     """0.93 is in the target, and its cell [0.9, 1] is not, wholly."""
     controller = sdhj.Controller(proved(unaligned()))
     assert not controller.table.contains([[0.93]], within=0)[0]
-    batch = controller.batch([[0.93], [0.96], [2.6]], 3)
-    assert batch.steps_to_go.tolist() == [0, -1, -1]
-    runs = sdhj.monte_carlo(controller, runs=50, progress=False)
-    assert runs.counts["reached"] == 50
+    first, then = controller.step([1.38], 0.0), controller.step([0.93], 0.5)
+    assert (first.steps_to_go, first.arrived, then.steps_to_go, then.arrived) == (1, False, 0, True)
+    assert not controller.step([0.97], 1.0).arrived  # beside the target
+    assert sdhj.monte_carlo(controller, runs=50, progress=False).counts["reached"] == 50
 
 
 def test_predictions_arrive_in_cells_of_the_goal_alone():
