@@ -228,6 +228,13 @@ def steps_to_go(table, states, step):
     return out
 
 
+def steps_left(table, states, step):
+    """`steps_to_go`, of which none are left in the target itself, also where its cell is not whole."""
+    problem, t = table.problem, table.problem.time(step)
+    there = not problem.has_no_target and problem.target_value(states, t) <= 0
+    return np.where(there & (problem.unsafe_value(states, t) > 0), 0, steps_to_go(table, states, step))
+
+
 def held(problem, states):
     """States after the walls and the period of the grid."""
     for axis, (lower, upper, periodic) in enumerate(
@@ -280,9 +287,9 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
                 states = held(problem, states + problem.delta / pieces / fine * velocity)
                 t = problem.time(step) + problem.delta * (piece + (part + 1) / fine) / pieces
                 assert (problem.unsafe_value(states, t) > 0).all()
-        there = problem.target_value(states, problem.time(step + 1)) <= 0  # also in a cell that is not whole
-        states, left = states[~there], left[~there]
-        assert (steps_to_go(table, states, step + 1) < left).all()
+        after = steps_left(table, states, step + 1)
+        assert (after < left).all()
+        states = states[after > 0]
 
 
 def inputs_that_lead(table, step, following):
