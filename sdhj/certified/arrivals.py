@@ -1,15 +1,14 @@
 """Inputs that lead into the target itself at the end of an interval, of which cells need not be whole.
 
-A set of cells is smaller than what it is made of: of the target it has the cells inside. But whoever arrives need not be
-in such a cell. So the image of a cell over the last interval, a box that ends where bounds say and at no edge of a
-cell, is judged against the target:
+Of the target a set of cells has those that are inside, and whoever arrives need not be in one of them. So the image of
+a cell over the last interval, a box that ends where bounds say and at no edge of a cell, is judged against the target:
 
-    S_k^1 = S_k^0, every cell that a clear input leads into S_{k+1}^0, and every cell of which a clear input has an image
-            inside L(t_{k+1})
+    S_k^1 = S_k^0, every cell that a clear input leads into S_{k+1}^0, and every cell of which a clear input has an
+            image inside L(t_{k+1})
 
-Outside G the image is, because the tube is clear up to its end. Where the image is depends on a cell's place, whether it
-is in the target on the target's axes: together its *site*. With `Sensing` nobody knows that he has arrived but by a cell
-of S^0, so there nothing is judged so.
+The image is outside G, because the tube is clear up to its end. Where it lies depends on the cell's place, and whether
+that is in the target on the target's axes: together they are the cell's *site*. With `Sensing` only a cell of S^0 tells
+that the target has been reached, so there images are judged by cells alone.
 """
 
 import math
@@ -54,7 +53,7 @@ class Arrivals:
         self.most = max(MOST_PIECES // (max(starts, len(proof.arrives)) * count), 1 << 12)
 
     def add(self, start: int, j: int, places: FloatArray, last: FloatArray) -> None:
-        """Set the bit of u_j at the sites of some places (M,) whose images end at `last` (M, ndim, 2) from their own."""
+        """Set bits of u_j at the sites of places (M,), of which the ends of cells move by last (M, ndim, 2)."""
         arrives, proof = self.proof.arrives, self.proof
         if not len(arrives):
             return
@@ -65,9 +64,7 @@ class Arrivals:
             for step in range(len(arrives)) if len(proof.low) == 1 else (start,):
                 self._mark(step, start, j, places[some], last[some], free)
 
-    def _mark(
-        self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]
-    ) -> None:
+    def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
         """`add`, of few places, at the end of the interval from one step."""
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
         own, near = proof.cells_at(places), self._near(step)

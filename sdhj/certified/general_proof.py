@@ -246,9 +246,10 @@ class GeneralProof(Images):
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> None:
-        """Fill moves and clear: where every input takes every place, where it is safe from."""
+        """Fill moves, clear and arrives: where each input takes each place, from where it is safe and arrives."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        mark, drawing, arrivals = partial(self._mark_collisions, self._lattices(progress)), Drawing(self), Arrivals(self)
+        mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
+        arrivals = Arrivals(self)
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
             """Of places, their tubes and their images what the recursion asks for."""

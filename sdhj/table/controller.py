@@ -384,6 +384,9 @@ class Controller:
         At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
 
+        A certified table leads into the target itself, where a cell need not be inside as a whole. So after an input
+        with one step to go, or where nothing is proved of the cell, the state is looked up in the true target, too.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:

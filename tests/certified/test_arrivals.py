@@ -55,7 +55,10 @@ def test_no_state_of_a_cell_that_arrives_is_outside_the_target(name):
     for step, j in itertools.product(range(len(proof.arrives)), range(len(problem.inputs))):
         cells = every[marked(table, step, j)[every @ proof.sites]]
         cells = cells[rng.integers(0, len(cells), min(len(cells), 200))] if len(cells) else cells
-        ends = [np.stack([axis.edges()[own + side] for axis, own in zip(table.axes, cells.T)], 1) for side in (0, 1)]
+        ends = [
+            np.stack([axis.edges()[own + side] for axis, own in zip(table.axes, cells.T, strict=True)], 1)
+            for side in (0, 1)
+        ]
         if not len(cells):
             continue
         for turned in (1.0, -1.0):
