@@ -259,7 +259,7 @@ class GeneralProof(Images):
 
         self.fill(min(max(finest, 1), FINEST), progress, use)
         self._drawn.append(drawing.lines)
-        read_only((self.low, self.high, self.clear, self.arrives))
+        read_only((self.low, self.high, self.clear, self.sites, self.arrives))
 
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
