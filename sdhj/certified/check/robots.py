@@ -468,7 +468,8 @@ class Robot(Sets):
             left = np.flatnonzero(some & ((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1))
             checked += left.size
             for finer in FINER:
-                left = left[~by_slabs(partial(self.arrivals_hold, step=step, j=j, finer=finer), left)]
+                if left.size:
+                    left = left[~by_slabs(partial(self.arrivals_hold, step=step, j=j, finer=finer), left)]
             wrong.extend(f"start {step}, input {j}, site {site}" for site in left)
         return Claim(ARRIVE, made, checked, wrong)
 
