@@ -484,7 +484,7 @@ class Robot(Sets):
         return self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)  # check 5.21
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
+        """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
         sums = self.sums(following)
 
         def hold(some: Array) -> Array:
