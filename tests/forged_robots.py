@@ -18,6 +18,7 @@ from sdhj.kernels import FloatArray
 
 Told = dict[str, Any]
 CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"
+ARRIVE = "into the target itself"
 COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as stated"
 
 
@@ -205,6 +206,11 @@ def nearer(*, moving=0.0):
     return line(push=0.0, unsafe=[part])
 
 
+def aimed():
+    """A line without a push on which images end at the target's ends, nearer than what a state may be off its cell."""
+    return replace(line(push=0.0), target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 - 1e-10))
+
+
 def pole():
     """What is unsafe is told by a function that is undefined at -2.03."""
     part = sdhj.UnsafeSet((0,), lambda p, t: 5.0 + 1.0 / (p[:, 0] + 2.03), name="pole")
@@ -296,6 +302,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "remembered": (lambda: sensed(memory=True), (160,), 2),
     "calming": (calming, (160,), 2),
     "nearer": (nearer, (80,), 1),
+    "aimed": (aimed, (80,), 1),
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
@@ -419,6 +426,23 @@ def clears(j: int, *cells: int, step: int = 0) -> Callable[[Told, Any], None]:
         clear[step, list(cells), j // 8] |= 1 << (j % 8)
 
     return edit("clear", change)
+
+
+def arrives(j: int, site: int) -> Callable[[Told, Any], None]:
+    """An input is said to lead from a site into the target itself, and nothing else is said."""
+
+    def change(marks: FloatArray) -> None:
+        assert not marks[0, site, j // 8] >> (j % 8) & 1
+        marks.fill(0)
+        marks[0, site, j // 8] |= 1 << (j % 8)
+
+    return both(nothing_in_sets, edit("arrives", change))
+
+
+def arrives_unknown(told: Told, arrays: Any) -> None:
+    """Predictions are said to be led into the target itself."""
+    told["proof"]["arrives"] = True
+    arrays["arrives"] = np.zeros((1, told["cells"]["shape"][0], 1), np.uint8)
 
 
 def shifts(name: str, by: int, *, start: int = 0, j: int = 1, place: int = 0, axis: int = 0) -> Any:
@@ -654,6 +678,10 @@ FORGERIES: dict[str, Forgery] = {
     # sets
     "a goal more": Forgery("line", GOAL, a_cell_more(0)),
     "a goal in a post": Forgery("line", GOAL, goals_only, becomes=lambda: line(posts=(0.0, 3.0))),
+    "an arrival more": Forgery("line", ARRIVE, arrives(1, 29)),
+    "an arrival that leaves": Forgery("line", ARRIVE, arrives(2, 48)),
+    "an arrival nearer than rounding": Forgery("aimed", ARRIVE, arrives(2, 44)),
+    "arrivals of predictions": Forgery("sensed", "states that are known", arrives_unknown),
     "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
     "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
     "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
@@ -751,7 +779,7 @@ def later_sets_shrink(told: Told, arrays: Any) -> None:
         found[2:4] = found[1]
         found[4:] = False
 
-    sets(change)(told, arrays)
+    both(sets(change), edit("arrives", lambda arrives: arrives.fill(0)))(told, arrays)
 
 
 def safe_for_longer(told: Told, arrays: Any) -> None:

@@ -131,6 +131,9 @@ class Proof:
         """Which of the cells (M, ndim) of the box `image` are in the image of a cell under u_j, (M,) bool: all."""
         return np.ones(len(cells), np.bool_)
 
+    def add_arriving(self, cells: FloatArray, step: int) -> None:
+        """Add to S_k^1 the cells that an input leads into the target itself, if a proof knows of such. In place."""
+
     @property
     def rows(self) -> int:
         """Leading axes that number the blocks of the packed sets: all but the last."""
@@ -339,8 +342,13 @@ class Images(Proof):
         margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"  # obligation 3.6
         return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
-    def fill(self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray], None]) -> None:
-        """Fill the moves, and give `use` the start, the input, places and their tubes; so many pieces a part."""
+    def fill(
+        self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]
+    ) -> None:
+        """Fill the moves, and give `use` the start, the input, places, their tubes and where these end (M, ndim, 2).
+
+        So many pieces a part.
+        """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
@@ -357,7 +365,7 @@ class Images(Proof):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
                     self.low[start, j, places], self.high[start, j, places] = self.in_cells(places, last)
-                    use(start, j, places, tubes)
+                    use(start, j, places, tubes, last)
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:

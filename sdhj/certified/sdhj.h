@@ -442,7 +442,10 @@ static inline sdhj_status sdhj_least_ahead(const sdhj_table *t, uint32_t step, c
   return arrived ? SDHJ_IN_TARGET : *least == UINT32_MAX ? SDHJ_NOT_PROVED : SDHJ_OK;
 }
 
-/* The input that the rule of the export prefers, of those that lead to the target in the fewest steps. */
+/* The input that the rule of the export prefers, of those that lead to the target in the fewest steps.
+ *
+ * With one step to go it leads into the target itself, of which cells need not be whole: whoever has held it for delta is
+ * there, also where the next answer is SDHJ_NOT_PROVED. */
 static inline sdhj_status sdhj_select_at(const sdhj_table *t, uint32_t step, const sdhj_place *place, uint32_t *input) {
   uint32_t cell[SDHJ_AXES], least;
   sdhj_status status;

@@ -320,7 +320,8 @@ class CertifiedTable(Table):
         """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
 
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
-        target there may be no input that is proved to bring the state back into it one step later.
+        target there may be no input that is proved to bring the state back into it one step later. At the
+        end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -514,6 +515,8 @@ class CellSets:
         self.following[rows] = blocks
         every = self.proof.shrinks and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
+        if within == 1:
+            self.proof.add_arriving(self.cells, step)
         self._keep(step, within, (self.cells != before).any(axis=1))
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)

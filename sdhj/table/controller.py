@@ -449,6 +449,9 @@ class Controller:
         At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
 
+        A certified table leads into the target itself, where a cell need not be inside as a whole. So after an input
+        with one step to go, or where nothing is proved of the cell, the state is looked up in the true target, too.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -484,14 +487,24 @@ class Controller:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
         chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
+        ends = to_go == NOT_ADMISSIBLE or bool(to_go and last and last.steps_to_go == 1)
+        arrived = ends and self.table.proved and self._in_target(state, step)
+        to_go = 0 if arrived else to_go
         if step == steps:
             chosen = problem.sensing.rest
         elif chosen == NOT_ADMISSIBLE:
-            chosen = self.fallback(state, step).input if fallback else self.select(state, step)
+            chosen = self.fallback(state, step).input if fallback or arrived else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
         self.remembered = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
+
+    def _in_target(self, state: FloatArray, step: int) -> bool:
+        """Whether a state (ndim,) is known to be in the target, clear of the unsafe sets, whatever its cell is."""
+        problem, t, points = self.problem, self.problem.time(step), self.problem.grid.wrapped(state[None])
+        if problem.has_no_target or problem.sensing or problem.grid.beyond(points, "fails", "holds", "frees")[0]:
+            return False
+        return bool(problem.target_value(points, t)[0] <= 0.0 < problem.unsafe_value(points, t)[0])
 
     # ---- many states
 
