@@ -139,6 +139,7 @@ KEPT: dict[str, dict[str, Callable[[], str]]] = {
         ".244": lambda: share("120 x 120 x 126"),
         ".282": lambda: share("240 x 240 x 340"),
         "38 s": packing,
+        "16 kB": lambda: f"{4 * 2 * 5 * 400 / 1e3:.0f} kB",
     },
 }
 
