@@ -21,9 +21,9 @@ MOST_KEPT = 1 << 28  # boxes; for more cells at all times together there is no l
 MOST_CUTS = 16  # of a cell, along each axis
 BLOCKS = (16, 4, 1)  # boxes along each axis that are bounded together
 AT_ONCE = 1 << 14  # boxes, or tubes
-UNKNOWN, OUTSIDE, MET = range(3)
+OPEN, OUTSIDE, MET = range(3)
 
-Values = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to bounds of the level set there, both (M,)
+Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to where it holds, and where it nowhere does
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
@@ -50,20 +50,29 @@ class Lattice:
         self.wider = self.without + near  # check 4.51
         self.shape = np.array([own.size - 1 for own in self.edges])
 
-    def counted(self, values: Values) -> Array:
-        """How many boxes that may meet the set, with such values, are before each corner: periodic axes twice over."""
-        blocks, larger = np.full(-(-self.shape // BLOCKS[0]), UNKNOWN, np.int8), BLOCKS[0]
-        for side in BLOCKS:
-            shape = -(-self.shape // side)
-            for axis, n in enumerate(shape.tolist()):
-                blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
-            larger, blocks = side, np.ascontiguousarray(blocks)
-            left = np.flatnonzero(blocks == UNKNOWN)
-            for begin in range(0, left.size, AT_ONCE):
-                some = left[begin : begin + AT_ONCE]
-                least, most = values(self.boxes(np.stack(np.unravel_index(some, shape), axis=1) * side, side))
-                blocks.ravel()[some] = np.where(least > 0, OUTSIDE, np.where(most <= 0, MET, UNKNOWN))  # check 4.52
-        return sums(blocks != OUTSIDE, self.periodic)  # check 4.53
+    def counted(self, every: Sequence[Holds]) -> Array:
+        """How many boxes that may meet a set are before each corner: periodic axes twice over.
+
+        every : functions, each of which is above 0 outside the set, and says where it is, and where it nowhere is.
+        """
+        met = np.zeros(self.shape, np.bool_)
+        for holds in every:
+            blocks, larger = np.full(-(-self.shape // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
+            for side in BLOCKS:
+                for axis, n in enumerate(shape := (-(-self.shape // side)).tolist()):
+                    blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
+                larger, known = side, np.ascontiguousarray(blocks).ravel()
+                if side == 1:
+                    known[met.ravel()] = MET
+                left = np.flatnonzero(known == OPEN)
+                for begin in range(0, left.size, AT_ONCE):
+                    some = left[begin : begin + AT_ONCE]
+                    first = np.stack(np.unravel_index(some, shape), axis=1) * side
+                    outside, inside = holds(self.boxes(first, side))
+                    known[some] = np.where(outside, OUTSIDE, np.where(inside, MET, OPEN))
+                blocks = known.reshape(shape)
+            met |= blocks != OUTSIDE  # check 4.53
+        return sums(met, self.periodic)
 
     def boxes(self, first: Array, side: int) -> Array:
         """Ends (2, M, axes) of blocks of `side` boxes from boxes `first` (M, axes) on, wider."""

@@ -31,7 +31,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
-from sdhj.certified.check.lattice import Lattice, memory, overlap, pieces_of, sums
+from sdhj.certified.check.lattice import Holds, Lattice, memory, overlap, pieces_of, sums
 from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -66,7 +66,6 @@ ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at 
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
-Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to where it holds, and where it surely does not
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -206,11 +205,11 @@ class Robot(Sets):
 
     # ---- functions over boxes (2, M, axes), and times
 
-    def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds of a level set, both (M,)."""
-        if isinstance(part.function, BlackBox):
+    def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Times) -> tuple[Array, Array]:
+        """Bounds of a function that a set is made of, both (M,)."""
+        if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
-        least, most = self.cut(part.axes, box, lambda low, high: part.function.bounds(low, high, times))
+        least, most = self.cut(part.axes, box, lambda low, high: one.bounds(low, high, times))
         return least[:, 0], most[:, 0]
 
     def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
@@ -373,15 +372,28 @@ class Robot(Sets):
 
     # ---- tubes and sets
 
-    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST, inside: bool = False) -> Array:
-        """Whether boxes (2, M, axes) are proved to be outside a set, or inside it, (M,)."""
+    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
+        """Whether boxes (2, M, axes) are proved to be outside a set, (M,)."""
+        out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
+        for one in part.least_of:
+            left = np.flatnonzero(out)
+            out[left] = everywhere(partial(self.above, part, one, times), box[:, left], every, depth)  # check 4.31
+        return out
+
+    def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
+        """Where a function that a set is made of is above 0 all over a box, and where all of the box is in the set."""
+        least, most = self.value(part, one, box, times)
+        return least > 0, most <= 0  # check 4.52
+
+    def inside_target(self, box: Array, times: Times) -> Array:
+        """Whether boxes (2, M, axes) are proved to be inside the target, (M,)."""
 
         def holds(some: Array) -> tuple[Array, Array]:
-            """Whether boxes are surely inside, or surely outside, the set: <= 0, or > 0, everywhere."""
-            least, most = self.value(part, some, times)
-            return (most <= 0, least > 0) if inside else (least > 0, most <= 0)  # check 4.31
+            """Where the function is at most 0 all over a box, and where it nowhere is."""
+            least, most = self.value(self.target, self.target.function, some, times)
+            return most <= 0, least > 0  # check 4.68
 
-        return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
+        return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
     def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
         """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
@@ -418,7 +430,8 @@ class Robot(Sets):
             edges, pieces = [self.edges[axis] for axis in own], self.pieces(part)
             boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
             when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.59
-            self.lattices[key] = boxes, [boxes.counted(partial(self.value, part, times=each)) for each in when]
+            signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
+            self.lattices[key] = boxes, [*map(boxes.counted, signs)]
         return self.lattices[key]
 
     def pieces(self, part: Part) -> int:
@@ -504,7 +517,7 @@ class Robot(Sets):
             out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
-        return out & self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)
+        return out & self.inside_target(box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""
