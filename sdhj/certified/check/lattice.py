@@ -9,6 +9,7 @@ Most tubes stick out of their cells to both sides, by what the adversary moves a
 `wider`, and tubes are looked up without as much: what is in a tube is that near to a box that is looked up.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import product
 
@@ -28,14 +29,14 @@ Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to wher
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
     """How many pieces a cell is cut into along each axis, for so many times; 0 where there are too many boxes."""
-    cells = int(np.prod(counts)) * times
-    return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / len(counts))), 1), MOST_CUTS)
+    cells = max(math.prod(counts) * times, 1)
+    return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / max(len(counts), 1))), 1), MOST_CUTS)
 
 
-def memory(counts: Sequence[int], periodic: Sequence[bool], times: int) -> int:
-    """Bytes of the lattices of a set: of each box a count in each lap, and of the last one what it is made of."""
-    boxes = int(np.prod(counts)) * pieces_of(counts, times) ** len(counts)
-    return boxes * (4 * times << sum(periodic)) + boxes * (3 + (1 << sum(periodic)))
+def memory(counts: Sequence[int], laps: int, times: int) -> int:
+    """Bytes of the lattices of a set with so many periodic axes, and of what the last one is made of."""
+    boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
+    return boxes * ((4 * times << laps) + (5 << laps) + 4)
 
 
 class Lattice:

@@ -70,7 +70,8 @@ Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axe
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
-    out, left = np.ones(boxes.shape[1], np.bool_), [(boxes, np.arange(boxes.shape[1]), depth)]
+    count, depth = boxes.shape[1], depth if along.any() else 0  # check 3.77
+    out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
     while left:
         some, of, more = left.pop()
         some, of = some[:, out[of]], of[out[of]]
@@ -81,7 +82,7 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
             centre = some.mean(axis=0)[:, axis]
             some, of, yes = np.concatenate([some] * 2, axis=1), np.tile(of, 2), np.zeros(2 * of.size, np.bool_)
             some[1, : centre.size, axis] = some[0, centre.size :, axis] = centre  # check 4.29
-        begins = range(0, of.size if more and along.any() else 0, HALVES_AT_ONCE)
+        begins = range(0, of.size if more else 0, HALVES_AT_ONCE)
         left += [(some[:, at : at + HALVES_AT_ONCE], of[at : at + HALVES_AT_ONCE], more - 1) for at in begins]
     return out
 
@@ -118,7 +119,7 @@ class Robot(Sets):
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
-        self.lattices: dict[tuple[str, int], tuple[Lattice, list[Array]]] = {}
+        self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
@@ -138,8 +139,9 @@ class Robot(Sets):
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
-            own = [[given[axis] for axis in one["axes"]] for given in (counts, head["grid"]["periodic"])]
-            lattices += memory(*own, len(arrays["clear"]) * parts if moving else 1)
+            axes = [axis for axis in range(ndim) if axis in one["axes"]]
+            laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
+            lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
         lattices *= chosen * FEW >= cells
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
@@ -422,9 +424,10 @@ class Robot(Sets):
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
-    def lattice_of(self, part: Part, step: int) -> tuple[Lattice, list[Array]]:
+    def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
         """A lattice of an unsafe set, and how many boxes may meet it in the parts of an interval; each is made once."""
-        own, key = list(part.axes), (part.name, step if part.moving else 0)
+        part = self.unsafe[number]
+        own, key = list(part.axes), (number, step if part.moving else 0)
         if key not in self.lattices:
             times = list(pairwise(self.cuts(step))) if part.moving else [self.always]
             edges, pieces = [self.edges[axis] for axis in own], self.pieces(part)
@@ -456,8 +459,10 @@ class Robot(Sets):
             good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.62
             out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
         parts = list(np.moveaxis(swept, 1, 0))
-        for part in (one for one in self.unsafe if one.counts(j)):  # check 4.63
-            boxes, found = self.lattice_of(part, step)
+        for number, part in enumerate(self.unsafe):
+            if not part.counts(j):  # check 4.63
+                continue
+            boxes, found = self.lattice_of(number, step)
             left = np.flatnonzero(out)
             if not part.moving:  # often the whole tube at once will do
                 left = left[~self.misses(boxes, found[0], part.axes, whole, numbers[left], places, at[left])]
