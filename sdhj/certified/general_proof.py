@@ -305,15 +305,17 @@ class GeneralProof(Images):
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
-        problem, t = self.problem, self.problem.time(step)
+        problem, t = self.problem, self.problem.time(step)  # obligation 9.5
         # obligation 9.6
         times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
         out = np.ones([axis.count for axis in self.axes], np.bool_)
         if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
         # what stands still is asked once: of all cells, unless there is one goal only
-        out &= self._clear_of_still if not self.time_invariant else self.clear_of(False, self._always, out)  # obligation 9.5
-        return to_words((out & self.clear_of(True, times, out)).reshape(-1, self.axes[-1].count))
+        still = self.clear_of(False, self._always, out) if self.time_invariant else self._clear_of_still
+        out &= still
+        out &= self.clear_of(True, times, out)  # obligation 9.4
+        return to_words(out.reshape(-1, self.axes[-1].count))
 
     @kept
     def _clear_of_still(self) -> FloatArray:
@@ -326,7 +328,7 @@ class GeneralProof(Images):
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
                 others = tuple(axis for axis in range(len(self.axes)) if axis not in part.axes)
-                some = out.any(axis=others).transpose(np.argsort(np.argsort(part.axes)))
+                some = out.any(axis=others)
                 out &= self.outside_cells(part, times, some)  # obligation 9.3
         return out
 

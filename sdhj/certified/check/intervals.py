@@ -26,8 +26,8 @@ TINY = 5e-324  # the least positive number  # check 6.5
 NEAR_ZERO = 2.0**-56
 ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
-MOST_NODES = 64  # of a table in and around a box, up to which it is looked up exactly
-MOST_BLOCKS = 4  # of nodes, along each axis of a box with more, and one
+MOST_NODES = 256  # of a table in and around a box, up to which it is looked up exactly
+MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
 
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:

@@ -86,7 +86,6 @@ class Lattice:
         """From which box along an axis to which tubes from low to high overlap boxes."""
         edges, (begin, end) = self.edges[axis], self.edges[axis][[0, -1]]
         low, high = low + self.without[axis], high - self.without[axis]
-        low, high = np.minimum(low, (low + high) / 2), np.maximum(high, (low + high) / 2)  # check 4.56
         whole = high - low >= end - begin
         if self.periodic[axis]:
             turns = np.floor((low - begin) / (end - begin)) * (end - begin)
@@ -95,10 +94,10 @@ class Lattice:
         high = np.where(beyond, high - (end - begin), high)
         most = edges.size - 2
         first = np.clip(np.searchsorted(edges, low, "right") - 1, 0, most)
-        last = np.clip(np.searchsorted(edges, high, "left") - 1, 0, most) + beyond * (most + 1)  # check 4.57
-        last = np.maximum(first, last)
+        last = np.clip(np.searchsorted(edges, high, "left") - 1, 0, most) + beyond * (most + 1)  # check 4.56
+        last = np.maximum(first, last)  # of a tube that is narrower than that, too
         whole &= self.periodic[axis]
-        return np.where(whole, 0, first), np.where(whole, most, last)  # check 4.58
+        return np.where(whole, 0, first), np.where(whole, most, last)  # check 4.57
 
 
 def sums(inside: Array, periodic: Array) -> Array:

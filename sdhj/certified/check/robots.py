@@ -70,7 +70,7 @@ Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axe
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
-    count, depth = boxes.shape[1], depth if along.any() else 0  # check 3.77
+    count, depth = boxes.shape[1], depth if along.any() else 0
     out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
     while left:
         some, of, more = left.pop()
@@ -379,13 +379,13 @@ class Robot(Sets):
         out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
         for one in part.least_of:
             left = np.flatnonzero(out)
-            out[left] = everywhere(partial(self.above, part, one, times), box[:, left], every, depth)  # check 4.31
+            out[left] = everywhere(partial(self.above, part, one, times), box[:, left], every, depth)
         return out
 
     def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
         """Where a function that a set is made of is above 0 all over a box, and where all of the box is in the set."""
         least, most = self.value(part, one, box, times)
-        return least > 0, most <= 0  # check 4.52
+        return least > 0, most <= 0  # check 4.31
 
     def inside_target(self, box: Array, times: Times) -> Array:
         """Whether boxes (2, M, axes) are proved to be inside the target, (M,)."""
@@ -393,7 +393,7 @@ class Robot(Sets):
         def holds(some: Array) -> tuple[Array, Array]:
             """Where the function is at most 0 all over a box, and where it nowhere is."""
             least, most = self.value(self.target, self.target.function, some, times)
-            return most <= 0, least > 0  # check 4.68
+            return most <= 0, least > 0  # check 5.17
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
@@ -432,7 +432,7 @@ class Robot(Sets):
             times = list(pairwise(self.cuts(step))) if part.moving else [self.always]
             edges, pieces = [self.edges[axis] for axis in own], self.pieces(part)
             boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
-            when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.59
+            when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
             signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
             self.lattices[key] = boxes, [*map(boxes.counted, signs)]
         return self.lattices[key]
@@ -452,24 +452,24 @@ class Robot(Sets):
     def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
         """As `clear_holds`, of tubes swept[at] from cells of these numbers (M,), looked up; False means still open."""
         grid, out = self.grid, np.ones(len(numbers), np.bool_)
-        whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.60
+        whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
         for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
             low, high = self.along(axis, places, whole)
-            good = (low >= grid.lower[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.61
-            good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.62
+            good = (low >= grid.lower[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
+            good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
             out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
         parts = list(np.moveaxis(swept, 1, 0))
         for number, part in enumerate(self.unsafe):
-            if not part.counts(j):  # check 4.63
+            if not part.counts(j):  # check 4.62
                 continue
             boxes, found = self.lattice_of(number, step)
             left = np.flatnonzero(out)
             if not part.moving:  # often the whole tube at once will do
                 left = left[~self.misses(boxes, found[0], part.axes, whole, numbers[left], places, at[left])]
             for piece, tube in enumerate(parts):
-                counts = found[piece if part.moving else 0]  # check 4.64
+                counts = found[piece if part.moving else 0]  # check 4.52
                 good = self.misses(boxes, counts, part.axes, tube, numbers[left], places, at[left])
-                out[left[~good]], left = False, left[good]  # check 4.65
+                out[left[~good]], left = False, left[good]
         return out
 
     def misses(
@@ -490,13 +490,13 @@ class Robot(Sets):
             cells, rows = self.cells(numbers[own]), at[own]
             each = [(rows, 0 if self.known[axis] else cells[:, axis]) for axis in axes]
             ends = [(first[one], last[one] + 1) for (first, last), one in zip(spans, each, strict=True)]
-            out[own] = overlap(counts, ends) == 0  # check 4.66
+            out[own] = overlap(counts, ends) == 0  # check 4.63
         return out
 
     def along(self, axis: int, places: Array, tube: Array) -> tuple[Array, Array]:
         """Ends of tubes along an axis, from its cell at each place, or from every cell there is: (places, 1 or n)."""
         cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
-        near = 2 * self.near[axis]  # check 4.67
+        near = 2 * self.near[axis]
         edges = self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
 
