@@ -328,7 +328,7 @@ class GeneralProof(Images):
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
                 others = tuple(axis for axis in range(len(self.axes)) if axis not in part.axes)
-                some = out.any(axis=others)
+                some = np.asarray(out.any(axis=others))
                 out &= self.outside_cells(part, times, some)  # obligation 9.3
         return out
 

@@ -287,13 +287,13 @@ def gridded(
     places = whole.reshape(len(ends), -1)  # (2 * axes, M)
     known, out = np.flatnonzero(np.isfinite(places).all(axis=0)), np.full((2, places.shape[1]), np.nan)
     low, high = places[0::2, known], places[1::2, known]
-    first = np.minimum(np.floor(low), np.array(table.shape)[:, None] - 2.0)
-    sizes = np.maximum(np.ceil(high) - first + 1.0, 2.0)  # check 6.22
+    begin = np.minimum(np.floor(low), np.array(table.shape)[:, None] - 2.0)
+    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0)  # check 6.22
     few = sizes.prod(axis=0) <= MOST_NODES
     blocks = np.ceil(np.log2(np.maximum(sizes / MOST_BLOCKS, 1.0)))
     for some, own in alike(np.where(few, sizes, -blocks).astype(np.int64)):
         given = table, some, low[:, own], high[:, own]
-        out[:, known[own]] = at_points(*given, first[:, own]) if few[own[0]] else at_blocks(*given, kept)
+        out[:, known[own]] = at_points(*given, begin[:, own]) if few[own[0]] else at_blocks(*given, kept)
     rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice  # check 6.36
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])

@@ -1,9 +1,9 @@
 """Boxes that may meet an unsafe set, counted: whether a tube is clear of the set takes equally long anywhere.
 
-A lattice is the cells of the set's axes, cut into pieces. Each of its boxes is bounded once, whatever the inputs: blocks
-of many boxes first, and what is in a block only where it is open whether all of that is outside the set or in it. A
-tube is clear where it overlaps no box that may meet the set, and how many of these it overlaps is a sum of counts at
-the corners of what it overlaps.
+A lattice is the cells of the set's axes, cut into pieces. Each of its boxes is bounded once, for all inputs: blocks of
+many boxes first, and what is in a block only where it is open whether all of that is outside the set or in it. A tube
+is clear where it overlaps no box that may meet the set, and how many of these it overlaps is a sum of counts at the
+corners of what it overlaps.
 
 Most tubes stick out of their cells to both sides, by what the adversary moves a state meanwhile. So boxes are bounded
 `wider`, and tubes are looked up without as much: what is in a tube is that near to a box that is looked up.
@@ -40,7 +40,7 @@ def memory(counts: Sequence[int], laps: int, times: int) -> int:
 
 
 class Lattice:
-    """The boxes of a set's axes, which are some of those of its cells' `edges`, and what tubes are looked up without."""
+    """The boxes of a set's axes, pieces of its cells, and what tubes are looked up without."""
 
     def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
         """Edges of cells, cut into pieces; near: as it counts as in a cell; sway: how far most tubes stick out."""
@@ -105,8 +105,8 @@ def sums(inside: Array, periodic: Array) -> Array:
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
-    for axis in range(out.ndim):
-        np.cumsum(out, axis=axis, out=out)
+    for each in range(out.ndim):
+        np.cumsum(out, axis=each, out=out)
     return out
 
 

@@ -387,12 +387,12 @@ class Robot(Sets):
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
 
-    def inside_target(self, box: Array, times: Times) -> Array:
-        """Whether boxes (2, M, axes) are proved to be inside the target, (M,)."""
+    def inside(self, part: Part, box: Array, times: Times) -> Array:
+        """Whether boxes (2, M, axes) are proved to be inside a set, (M,)."""
 
         def holds(some: Array) -> tuple[Array, Array]:
             """Where the function is at most 0 all over a box, and where it nowhere is."""
-            least, most = self.value(self.target, self.target.function, some, times)
+            least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0  # check 5.17
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
@@ -400,7 +400,7 @@ class Robot(Sets):
     def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
         """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
         grid, out = self.grid, np.ones(len(at), np.bool_)
-        there = self.inside(ends, swept, at)
+        there = self.not_gone(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
         if not there.all():  # check 4.45
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
@@ -493,7 +493,7 @@ class Robot(Sets):
             out[own] = overlap(counts, ends) == 0  # check 4.63
         return out
 
-    def along(self, axis: int, places: Array, tube: Array) -> tuple[Array, Array]:
+    def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
         """Ends of tubes along an axis, from its cell at each place, or from every cell there is: (places, 1 or n)."""
         cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
         near = 2 * self.near[axis]
@@ -504,7 +504,7 @@ class Robot(Sets):
         """When the parts of the interval from a step begin and end."""
         return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
 
-    def inside(self, ends: Array, swept: Array, at: Array) -> Array:
+    def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
@@ -522,7 +522,7 @@ class Robot(Sets):
             out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
-        return out & self.inside_target(box[..., list(self.target.axes)], times)
+        return out & self.inside(self.target, box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""
@@ -533,7 +533,7 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
-        inside = sums(following.reshape(self.counts), self.periodic)
+        inside = self.sums(following)
 
         def hold(some: Array) -> Array:
             """Whether some input leads from each of these cells into the set of the next step."""
@@ -544,6 +544,10 @@ class Robot(Sets):
             return out
 
         return by_slabs(hold, numbers)
+
+    def sums(self, cells: Array) -> Array:
+        """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
+        return sums(cells.reshape(self.counts), self.periodic)
 
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
         """Whether an input is clear from cells, and all cells that it may lead to are in a set with such sums: (M,)."""
