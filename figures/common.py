@@ -173,13 +173,17 @@ def write(name: str, context: Context, folder: str | os.PathLike[str], formats: 
     return files + (also(context, folder) if also else [])
 
 
-def write_all(context: Context, folder: str | os.PathLike[str], *, main_job: bool = False) -> list[Path]:
-    """Write every figure, or those of the main job."""
+def of_main_job() -> list[str]:
+    """The figures that the main job draws."""
+    return [name for name in NAMES if getattr(script(name), "MAIN_JOB", True)]
+
+
+def write_all(context: Context, folder: str | os.PathLike[str], names: Sequence[str] = NAMES) -> list[Path]:
+    """Write some figures, by default every one."""
     files = []
-    for name in NAMES:
-        if not main_job or getattr(script(name), "MAIN_JOB", True):
-            context.say(f"drawing {name}")
-            files += write(name, context, folder)
+    for name in names:
+        context.say(f"drawing {name}")
+        files += write(name, context, folder)
     return files
 
 

@@ -5,12 +5,14 @@ import platform
 import resource
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import click
 import numba
 import numpy as np
-from common import Context, write_all
+from common import Context, of_main_job, script, write_all
 
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
@@ -19,6 +21,7 @@ from sdhj.table.batches import Table
 from sdhj.table.files import replaced_whole
 
 ADVERSARIES = ("random", "aggressive", "worst")
+BESIDE = "fig14_timing"  # half of what all figures take; it counts the processor time of one thread
 
 
 @click.command(context_settings={"show_default": True})
@@ -34,20 +37,32 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
     tables: dict[str, Table] = {}
-    for method in INTERPOLATED:
-        click.echo(f"compiling for {method}: {compile_kernels('arm', method):.1f} s")
-    for method in (*INTERPOLATED, *(["certified"] if certified else [])):
-        click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
-        tables[method] = sdhj.solve(problem, method=method)
-    rows = []
-    for method, table in tables.items():
-        click.echo(f"playing {runs} runs against each adversary: {method}")
-        rows.append(summary(table, runs, seed))
-    write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
-    click.echo("drawing the figures")
-    tables.pop("certified", None)  # the figures show interpolated tubes
-    write_all(Context(tables=tables, seed=seed, say=click.echo), out, main_job=True)
+    with ProcessPoolExecutor(1, get_context("spawn")) as beside:
+        beside.submit(script(BESIDE).measure, (), str)  # which compiles what it will measure
+        for method in INTERPOLATED:
+            click.echo(f"compiling for {method}: {compile_kernels('arm', method):.1f} s")
+        for method in (*INTERPOLATED, *(["certified"] if certified else [])):
+            click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
+            tables[method] = sdhj.solve(problem, method=method)
+        timing = beside.submit(drawn, BESIDE, nodes, out)
+        rows = []
+        for method, table in tables.items():
+            click.echo(f"playing {runs} runs against each adversary: {method}")
+            rows.append(summary(table, runs, seed))
+        write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
+        click.echo("drawing the figures")
+        tables.pop("certified", None)  # the figures show interpolated tubes
+        context = Context(tables=tables, seed=seed, say=click.echo)
+        write_all(context, out, [name for name in of_main_job() if name != BESIDE])
+        click.echo("\n".join(timing.result()))
     click.echo(f"{out}: done in {time.perf_counter() - began:.0f} s")
+
+
+def drawn(name: str, nodes: int, out: Path) -> list[str]:
+    """What a figure says while it is drawn, in a process of its own."""
+    said = list[str]()
+    write_all(Context(nodes=nodes, say=said.append), out, [name])
+    return said
 
 
 def summary(table: Table, runs: int, seed: int) -> dict[str, str]:
@@ -81,7 +96,7 @@ def write_table(rows: Sequence[dict[str, str]], out: Path, note: str) -> None:
         "",
         f"{note}. sdhj {sdhj.__version__}, NumPy {np.__version__}, Numba {numba.__version__} with "
         f"{numba.get_num_threads()} threads, Python {platform.python_version()}, {platform.machine()}; "
-        f"peak memory of the whole job {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB.",
+        f"peak memory of solves and runs {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB.",
         "",
     ]
     with replaced_whole(out / "results.md") as temporary:

@@ -61,6 +61,7 @@ from sdhj.solver.projections import Projected
 from sdhj.solver.schemes import Scheme
 from sdhj.solving import estimate, load, resolve, solve
 from sdhj.table.controller import Controller, NotAdmissible
+from sdhj.table.cost_to_go import CostToGo
 from sdhj.table.files import VERSION as __version__
 from sdhj.table.files import TableFileError
 from sdhj.table.rules import Candidates
@@ -74,6 +75,7 @@ __all__ = [
     "Candidates",
     "Certified",
     "Controller",
+    "CostToGo",
     "Dynamics",
     "Grid",
     "HopfLax",

@@ -756,6 +756,7 @@ ELSEWHERE = {
     "it is compressed; save it as PNG": "test_maps, which reads PNG",
     "choose another number of cells": "a period that is known to fewer digits than cells are narrow",
     "use fewer cells, or export less": "4 GB of words",
+    r"solve it with a number of steps|use another cost|use CostToGo\(table": "test_cost_to_go",
     "allow a greater tolerance": "test_bodies: a map whose disks are too many",
     "use a table of sdhj.solve or sdhj.load": "of a table that was made by hand, which nobody but a test does",
     r"write to a copy, (dict|list|X)\((it|mapping)\)": "test_read_only",

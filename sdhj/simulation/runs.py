@@ -333,9 +333,9 @@ def monte_carlo(
 def play_length(controller: Controller, steps: int | None) -> int | None:
     """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
     table = controller.table
-    if steps is None and table.details.get("endless"):
+    if steps is None and table.details.get("endless") and not controller.timed:
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
-    if steps is not None and not table.problem.time_invariant:
+    if steps is not None and controller.timed:
         raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")
     return None if steps is None else whole("steps", steps, least=1)
 

@@ -80,7 +80,7 @@ class _Runs:
             """The inputs that the controller chooses from such measurements, and the steps to go."""
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
-            return chosen, batch.steps_to_go
+            return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
             """Values of the next tube with so many steps left at points (M, ndim): (M,)."""
@@ -101,7 +101,8 @@ class _Runs:
     def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
         """The first moment of an interval."""
         step, table = 0 if self.ever else number, self.controller.table
-        return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng)
+        left = np.full(rows.size, table.steps - step - 1) if self.controller.all_left else None
+        return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def interval(self, number: int, last: bool) -> None:
         """End the runs that have reached the target or have no answer, and simulate the others for an interval."""

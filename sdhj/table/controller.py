@@ -87,13 +87,15 @@ class Controller:
     ----------
     table : Table
         What `sdhj.solve` or `sdhj.load` returns, of any method.
-    rule : {"deepest", "effort", "target", "clearance"} or callable (Candidates) -> (P,) scores
+    rule : {"deepest", "effort", "target", "clearance"}, CostToGo or callable (Candidates) -> (P,) scores
         Which safe input `select` returns: that of the least score, and among equals that of the least margin. The
         scores are, in this order: the margin; the norm of the input; the target's level-set value at the successor; the
         negative level-set value of the unsafe sets there. The last two call the problem's level-set functions. For
         ever, on a grid, the game's value stands for the margin (`Batch.game`), and a score counts only if the input
         keeps a reserve of `RESERVE` cells and the share `DEPTH_KEPT` of the depth that the deepest safe input has;
-        if none does, "deepest" decides.
+        if none does, "deepest" decides. A rule with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked
+        of all inputs after which the target can still be reached by the last step (`allowed`), and the step has to be
+        given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
 
     Raises
     ------
@@ -122,6 +124,8 @@ class Controller:
             shown = reprlib.repr(rule)
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
+        self.all_left = bool(getattr(rule, "all_left", False))
+        self.timed = self.all_left or not self.problem.time_invariant  # whether answers depend on the step
         self._distances: dict[int, FloatArray] = {}  # of an input from all others
 
     # ---- one state
@@ -246,18 +250,26 @@ class Controller:
 
     def _at(self, step: int | None) -> int:
         """The step of a query; ValueError where it is left out and the answer depends on time."""
-        if step is None and not self.problem.time_invariant:
+        if step is None and self.timed:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
-    def _query(self, q: FloatArray, step: int | None, within: int = 1, scores: FloatArray | None = None) -> Batch:
+    def _within(self, step: int) -> int:
+        """The steps to go by which inputs are judged where they are more than the fewest."""
+        steps = self.table.steps
+        return max(steps - whole("step", step, least=0, most=steps), 1) if self.all_left else 1
+
+    def _query(
+        self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
+    ) -> Batch:
         """The answers for one state, checked first."""
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
         if not all(map(isfinite, state.tolist())):  # in a fourth of NumPy's time
             finite_array("a state", q)
-        return self.table.answers(state[None], self._at(step), within, scores)
+        step = self._at(step)
+        return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
         """The answers for one state; NotAdmissible, with the reason, where no tube contains it."""
@@ -393,7 +405,7 @@ class Controller:
         (2, True)
         """
         problem, steps = self.problem, self.table.steps
-        most = np.inf if problem.time_invariant else (steps + 0.5) * problem.delta
+        most = (steps + 0.5) * problem.delta if self.timed else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
         last = None if k == 0 else self.last
         if last is not None and k <= last.step:
@@ -405,7 +417,7 @@ class Controller:
             abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
             or k != (last.step if last else -1) + 1
         )
-        step, previous = 0 if problem.time_invariant else k, last.input if last else None
+        step, previous = k if self.timed else 0, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
         if problem.sensing.memory and last and not missed and self.remembered:
@@ -414,7 +426,7 @@ class Controller:
             )
             state, missed = kept[0], bool(lost[0])
         batch = self.batch(state[None], step)
-        left = last.steps_to_go if last and not missed and problem.time_invariant and problem.has_no_target else None
+        left = last.steps_to_go if last and not missed and not self.timed and problem.has_no_target else None
         if batch.steps_to_go[0] == NOT_ADMISSIBLE and left is not None and left > 1:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
@@ -456,7 +468,8 @@ class Controller:
         >>> controller.batch([[-2.1], [0.5]], 0).steps_to_go
         array([3, 0])
         """
-        return self.table.batch(states, self._at(step))
+        step = self._at(step)
+        return self.table.batch(states, step, self._within(step))
 
     def filter(self, q: FloatArray, step: int | None = None, wanted: Any = None) -> "Filtered":
         """The wanted input if it is safe, else the safe input nearest to it, else the fallback: a safety filter.
@@ -514,7 +527,7 @@ class Controller:
         else:
             batch = self.table.answers(states, step, self.table.steps - step)
             if batch.game is None:
-                scores = np.where(batch.margins <= -SHIELDED * self.table.cell, distances, np.inf)
+                scores = np.where(self.allowed(batch), distances, np.inf)
             else:
                 others = (distances > distances.min(axis=1, keepdims=True)).astype(np.float64)
                 scores = self._reserved(batch, others, 1.0)
@@ -574,11 +587,22 @@ class Controller:
             return batch.best.copy()
         if self.table.proved and isinstance(self.rule, str):
             return self.table.chosen(batch, self.rule)
-        scores = np.zeros(batch.safe.shape)
-        rows, inputs = np.nonzero(batch.safe)
+        asked = self.allowed(batch) if self.all_left else batch.safe
+        scores = np.full(asked.shape, np.inf)
+        rows, inputs = np.nonzero(asked)
         held = np.full(len(rows), -1) if before is None else np.asarray(before)[rows]
-        scores[batch.safe] = self._scores(Candidates(self.problem, batch, rows, inputs, held))
+        scores[asked] = self.scores(Candidates(self.problem, batch, rows, inputs, held))
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
+
+    def allowed(self, batch: Batch) -> FloatArray:
+        """Which of the safe inputs keep `SHIELDED` cells, or else the one of least margin, for each state: bool (M, L).
+
+        Of a certified table, and of one that holds for ever (`_reserved`), all that are safe.
+        """
+        if self.table.proved or batch.game is not None:
+            return batch.safe
+        margins = np.where(batch.safe, batch.margins, np.inf)
+        return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
         """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen.
@@ -598,7 +622,7 @@ class Controller:
         safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.steps_after[rows])
         return safe
 
-    def _scores(self, candidates: Candidates) -> FloatArray:
+    def scores(self, candidates: Candidates) -> FloatArray:
         """The rule's score for each candidate, (P,); ValueError where it has another shape or a NaN."""
         if callable(self.rule):
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))

@@ -29,7 +29,7 @@ class Relay:
         states = np.asarray(states, dtype=np.float64)
         out = np.full((len(states), 2), -1)
         for i, controller in enumerate(self.controllers):
-            at = 0 if controller.problem.time_invariant else step
+            at = step if controller.timed else 0
             if at <= controller.table.steps:
                 batch = controller.batch(states, at)
                 admitted = batch.steps_to_go >= 0

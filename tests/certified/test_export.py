@@ -61,6 +61,7 @@ CASES = {
         digest_cases.CASES["cart, safe ends, certified"].problem,
         digest_cases.CASES["cart, safe ends, certified"].method,
     ),
+    "forbidden": (forged_robots.forbidden, sdhj.Certified(cells=(80,))),
     "standing": (forged_robots.standing, sdhj.Certified(cells=(40, 10), parts=2)),
     "car": (toys.unicycle_problem, sdhj.Certified(cells=(30, 30, 38), parts=4)),
     "65 inputs": (lambda: with_inputs(*many_inputs()), sdhj.Certified(cells=(80, 60), parts=4)),

@@ -16,7 +16,7 @@ import pytest
 import shrink
 from artists import axes, named
 from click.testing import CliRunner
-from common import HERE, NAMES, Context, command_of, draw, script, starts_of_runs, title, write, write_all
+from common import HERE, NAMES, Context, command_of, draw, of_main_job, script, starts_of_runs, title, write, write_all
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.text import Text
@@ -371,7 +371,7 @@ def test_the_gallery_has_pictures_of_all():
 def test_the_main_jobs_figures_are_written(context, tmp_path):
     said = []
     context.say = said.append
-    files = write_all(context, tmp_path, main_job=True)
+    files = write_all(context, tmp_path, of_main_job())
     assert {path.stem for path in files} == set(NAMES) - LEFT_OUT
     assert [path.suffix for path in files if path.stem == "fig12_trajectory"] == [".pdf", ".png", ".gif"]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(path.name for path in files)

@@ -17,7 +17,7 @@ def run(*arguments: object):
 def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figures themselves are tested on their own."""
     asked = []
-    monkeypatch.setattr(reproduce, "write_all", lambda context, out, main_job: asked.append((context, out, main_job)))
+    monkeypatch.setattr(reproduce, "write_all", lambda *given: asked.append(given))
     done = run("--nodes", 9, "--runs", 50, "--out", tmp_path)
     assert done.exit_code == 0, done.output
     rows = list(csv.DictReader((tmp_path / "results.csv").open()))
@@ -25,8 +25,8 @@ def test_results_are_written_and_all_figures_asked_for(tmp_path: Path, monkeypat
     lines = (tmp_path / "results.md").read_text().splitlines()
     assert lines[2].split(" | ")[1:] == [*list(rows[0].values())[1:-1], f"{rows[0]['failures, worst']} |"]
     assert "9 nodes on each axis, 50 runs for each adversary, seed 0" in lines[-1]
-    ((context, out, main_job),) = asked
-    assert (out, main_job) == (tmp_path, True)
+    ((context, out, names),) = asked
+    assert out == tmp_path and sorted([*names, reproduce.BESIDE]) == sorted(common.of_main_job())
     monkeypatch.setattr(common.sdhj, "solve", pytest.fail)
     assert [context.table(method).method for method in ("hji", "projected", "lax")] == ["hji", "projected", "lax"]
 

@@ -1,5 +1,7 @@
 """Collisions between the twenty instants of an interval, with something that is faster than the robot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,13 +10,13 @@ from sdhj.simulation.adversaries import SUBSTEPS, first_moment
 from sdhj.simulation.outcomes import COLLIDED, UNDECIDED, _fast_sets, play_interval
 
 
-def room(speed=20.0, radius=0.15, *, periodic=False):
-    """A robot of 1 m/s, and a ball of so many m/s along the first axis, at x = -1.5 when t = 0."""
+def room(speed=20.0, radius=0.15, *, height=0.0, periodic=False):
+    """A robot of 1 m/s, and a ball of so many m/s along the first axis, at (-1.5, height) when t = 0."""
 
     def ball(p, t):
         x = p[:, 0] + 1.5 - speed * t
         x = (x + 2.0) % 4.0 - 2.0 if periodic else x
-        return np.hypot(x, p[:, 1]) - radius
+        return np.hypot(x, p[:, 1] - height) - radius
 
     steps = [[0.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
     return sdhj.ReachAvoidProblem(
@@ -75,3 +77,24 @@ def test_a_black_box_that_declares_enough_is_judged_too(box, seen):
     problem = room(radius=0.05)
     object.__setattr__(problem.unsafe[0], "level_set", sdhj.BlackBox(problem.unsafe[0].level_set, **box))
     assert (outcomes(problem, starts, np.zeros(1, np.int64))[0] == COLLIDED) == seen
+
+
+def test_of_the_collisions_of_many_runs_all_are_counted():
+    """Against a plant of 2,000 instants an interval, of a controller whose table knows nothing of the ball."""
+    problem = room(radius=0.1, height=1.25)
+    blind = sdhj.solve(replace(problem, unsafe=()), play=False, progress=False)
+    controller = sdhj.Controller(replace(blind, problem=problem))
+    report = sdhj.monte_carlo(controller, runs=800, adversary="none", progress=False)
+    q, nearest, at_instants = report.starts.copy(), np.full(800, np.inf), np.full(800, np.inf)
+    for step in range(2):
+        going, t = q[:, 1] < 1.5, 0.25 * (step + np.linspace(0.0, 1.0, 2001))
+        u = np.where(going[:, None], problem.inputs[controller.choose(controller.batch(q, step))], 0.0)
+        x, y = (q[:, axis, None] + u[:, axis, None] * (t - 0.25 * step) for axis in (0, 1))
+        distance = np.where(going[:, None], np.hypot(x + 1.5 - 20.0 * t, y - 1.25), np.inf)
+        nearest = np.minimum(nearest, distance.min(axis=1))
+        at_instants = np.minimum(at_instants, distance[:, :: 2000 // SUBSTEPS].min(axis=1))
+        q = q + 0.25 * u
+    sure = np.abs(nearest - 0.1) > 1e-3
+    hit, counted = nearest <= 0.1, report.outcomes == COLLIDED
+    assert np.array_equal(counted[sure], hit[sure]) and hit.sum() > 50
+    assert (at_instants <= 0.1).sum() < 0.8 * hit.sum()  # what 20 instants see

@@ -103,6 +103,17 @@ def test_a_word_that_claims_more_is_refused(tmp_path, table, field):
     assert f"exported: {field}" in failed(table(), forged(table(), field, FORGERIES[field]), tmp_path)
 
 
+@pytest.mark.parametrize("field", FIELDS)
+def test_inputs_that_are_forbidden_somewhere(tmp_path, field):
+    """What is exported is proved; the words of the robot to whom nothing is forbidden are refused under its name."""
+    table = forged_robots.solved("forbidden")
+    free = sdhj.solve(forged_robots.line(unsafe=[]), sdhj.Certified(cells=(80,), parts=1), play=False, progress=False)
+    assert failed(table, packed_table(table, (field,), "deepest", 0, False), tmp_path) == set()
+    data = bytearray(packed_table(free, (field,), "deepest", 0, False))
+    data[96:128] = packed_table(table, (field,), "deepest", 0, False)[96:128]  # the digest of the problem
+    assert failed(table, signed(data), tmp_path) == {f"exported: {field}"}
+
+
 @pytest.mark.slow
 def test_what_is_exported_of_an_arm_is_proved(tmp_path):
     assert failed(arm(), exported_of(arm()), tmp_path) == set()
