@@ -154,7 +154,7 @@ def room_of(memory: int | None, client: Any) -> int:
 
 
 def planned(
-    problem: ReachAvoidProblem, method: Any, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
+    problem: ReachAvoidProblem, method: HJI | HopfLax, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
 ) -> Plan:
     """The axis along which slabs need least beside them, cut as thick as there is room for; or a `cut` made before.
 
@@ -203,7 +203,7 @@ def task_bytes(plan: Plan) -> int:
             if game.axis is not None:
                 first, end = layout.span(middle)
                 grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
-            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.part)))
+            windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.unsafe_set)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
     differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept
     played = (bytes_of_games(problem, one, plan.dtype, 12 if differences else one.ndim + 4) for one in windows)
@@ -213,7 +213,7 @@ def task_bytes(plan: Plan) -> int:
 # ---- which problem it is
 
 
-def head_of(plan: Plan, method: Any) -> dict[str, Any]:
+def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
     """The head of a store: its problem, its method and how it is cut."""
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
@@ -225,7 +225,7 @@ def head_of(plan: Plan, method: Any) -> dict[str, Any]:
     return dict(json.loads(json.dumps(head)))
 
 
-def cut_of(store: Store, head: dict[str, Any], method: Any) -> tuple[int, int]:
+def cut_of(store: Store, head: dict[str, Any], method: HJI | HopfLax) -> tuple[int, int]:
     """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
     if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(

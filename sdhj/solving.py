@@ -87,11 +87,9 @@ def solve(
     play : bool
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
         ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
-        to nothing. Whatever this meets (no start, a function that is undefined somewhere, Ctrl-C, too little memory)
-        becomes a warning, and the table is returned.
+        to nothing. Whatever this meets (no start, an undefined function, Ctrl-C, too little memory) becomes a warning.
     operations : float
-        What a solve may take at most, by the model of `estimate`, which knows the cost before anything is solved. The
-        default is some hours on two cores.
+        What a solve may take at most, by the model of `estimate`, before it begins; by default some hours on two cores.
 
     Returns
     -------
@@ -111,32 +109,24 @@ def solve(
 
     Examples
     --------
-    With the robot on a line of `help(sdhj)`, by finite differences, and certified:
+    With the robot on a line of `help(sdhj)`:
 
     >>> round(sdhj.solve(problem).fraction(start=0, within=3), 3)
     0.537
-    >>> proved = sdhj.solve(problem, sdhj.Certified(cells=[80]))
-    >>> proved.method, bool(proved.fraction(start=0, within=3) > 0.5)
-    ('certified', True)
     """
-    if not isinstance(problem, ReachAvoidProblem):
-        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    _require_problem(problem)
     most = number("operations", operations, above=0.0)
     if store is not None:
-        for finding in suspicions(problem):
-            tell(finding)
+        tell(*suspicions(problem))
         return solve_stored(problem, method_of(method), store, progress, resume, client, memory, most)
     if resume or client is not None or memory is not None:
         raise ValueError("resume, client and memory apply to a store only; give one, for example store='table'")
     method, started = method_of(method), time.perf_counter()
     with announced(progress), findings() as found:
-        for finding in suspicions(problem):
-            tell(finding)
+        tell(*suspicions(problem))
         sets = _filled(problem, method, progress, most)
         table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
-        said = _rehearsed(table) if play else {}
-        if found:
-            said = said | {"findings": [list(one[:3]) for one in found]}
+        said = (_rehearsed(table) if play else {}) | ({"findings": [list(one[:3]) for one in found]} if found else {})
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table
 
 
@@ -196,17 +186,22 @@ def resolve(
     """
     if not isinstance(table, Table):
         raise ValueError(f"table must be what sdhj.solve or sdhj.resolve returns, got {reprlib.repr(table)}")
-    if not isinstance(problem, ReachAvoidProblem):
-        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
+    _require_problem(problem)
     most, chosen, former = number("operations", operations, above=0.0), method_of(method), None
     if isinstance(table, LookupTable) and table.reusable is not None and isinstance(chosen, HJI | HopfLax):
         former = Former(table, problem, chosen, dangers(table.problem.padded))
-    for finding in () if former and former.alike and former.same_target else suspicions(problem):
-        tell(finding)
+    if not (former and former.alike and former.same_target):
+        tell(*suspicions(problem))
     started = time.perf_counter()
     with announced(progress):
         sets = _filled(problem, chosen, progress, most, former)
         return _handed_out(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+
+
+def _require_problem(problem: Any) -> None:
+    """ValueError unless it is one."""
+    if not isinstance(problem, ReachAvoidProblem):
+        raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
 
 
 def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:

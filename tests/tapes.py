@@ -1,4 +1,6 @@
-"""Tapes for tests: of one operation, and random ones."""
+"""Tapes for tests, and boxes of awkward numbers."""
+
+import math
 
 import numpy as np
 
@@ -8,6 +10,10 @@ from sdhj.kernels import tape as tapes
 OPERATIONS = [op for op in RULES if op not in ("x", "p", "const", "gridded")]
 TRUTHS = ("and", "or", "not")
 NONE = np.zeros(1)  # parameters
+AWKWARD = [0.0, 1.0, 0.5, 2.0, 7 / 16, 19 / 16, math.pi / 4, math.pi / 2, math.pi, 0.1, 3.0, 100.0, 1e6, 1e10]
+AWKWARD += [5e-324, 1e-310, 1e-200, 1e-17, 1e200, 1.7e308, 708.0, 745.0, np.nextafter(1.0, 0.0), np.nextafter(1.0, 2.0)]
+AWKWARD = sorted([-a for a in AWKWARD] + AWKWARD)
+POWERS = [0, 1, 2, 3, 7, 8, 64, -1, -2, -3, -64]
 
 
 def arity(op):
@@ -53,52 +59,15 @@ def bounds(tape, low, high, parameters_low=NONE, parameters_high=NONE, facts=FAC
     return out
 
 
-def random_rows(rng, coordinates, length):
-    """Rows whose slots are their own numbers; all operations but `gridded`, preferring recent operands."""
-    rows = [("x", k, (k,), 0.0) for k in range(coordinates)]
-    rows += [("const", k, (), float(rng.choice([0.0, 1.0, -1.0, 0.5, np.pi, -0.3, 1e-3, 100.0]))) for k in range(3, 5)]
-    truths: list[int] = []
-    while len(rows) < length:
-        op = str(rng.choice(OPERATIONS))
-        numbers = [row[1] for row in rows if row[1] not in truths]
-        if (op in TRUTHS or op == "where") and not truths:
-            continue
-        kinds = [truths] * arity(op) if op in TRUTHS else [numbers] * arity(op)
-        kinds[0] = truths if op == "where" else kinds[0]
-        operands = tuple(kind[max(0, len(kind) - 1 - int(rng.exponential(4)))] for kind in kinds)
-        if op in (*TRUTHS, "less", "lesseq", "equal"):
-            truths.append(len(rows))
-        rows.append((op, len(rows), operands, float(rng.integers(-5, 7)) if op == "power" else 0.0))
-    return rows
-
-
-def in_few_slots(rows, outputs):
-    """The same, with each result in the slot of an operand that no later row needs, or in another free one."""
-    last = {k: i for i, row in enumerate(rows) if row[0] != "x" for k in row[2]} | dict.fromkeys(outputs, len(rows))
-    slot, free, top, few = {}, [], 0, []
-    for i, (op, _, operands, value) in enumerate(rows):
-        places = operands if op == "x" else tuple(slot[k] for k in operands)
-        if op != "x":
-            free += [slot[k] for k in dict.fromkeys(operands) if last[k] == i]
-        if not free:
-            free, top = [top], top + 1
-        slot[i] = free.pop()
-        few.append((op, slot[i], places, value))
-        if i not in last:
-            free.append(slot[i])
-    return made(few, [slot[k] for k in outputs], top)
-
-
-def random_boxes(rng, count, coordinates):
-    """(low, high): small and large, of width 0 in some axes, with zeros and ones among their ends."""
-    shape = (count, coordinates)
-    centre = rng.normal(size=shape) * 10.0 ** rng.integers(-3, 3, (count, 1))
-    centre[rng.random(shape) < 0.2], centre[rng.random(shape) < 0.1] = 0.0, 1.0
-    width = np.abs(rng.normal(size=shape)) * 10.0 ** rng.integers(-4, 1, (count, 1)) * (rng.random(shape) < 0.7)
-    return centre - width * (rng.random(shape) < 0.7), centre + width
-
-
-def random_points(rng, low, high):
-    """A point in each box, its coordinates often at ends."""
-    share = np.clip(rng.uniform(-0.5, 1.5, low.shape), 0.0, 1.0)
-    return np.clip(low + share * (high - low), low, high)
+def awkward_boxes(op, rng, count):
+    """(low, high) (M, operands): of awkward numbers, many of width 0, and moderate ones."""
+    shape = (count, arity(op))
+    ends = rng.choice(AWKWARD, (2, *shape))
+    moderate = rng.random((count, 1)) < 0.5
+    centre = rng.normal(size=shape) * 10.0 ** rng.integers(-1, 2, (count, 1))
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    low, high = np.where(moderate, centre, low), np.where(moderate, centre + rng.exponential(0.5, shape), high)
+    high = np.where(rng.random(shape) < 0.3, low, high)
+    columns = slice(0, RULES[op].truths)
+    low[:, columns], high[:, columns] = low[:, columns] > 0.1, 1.0 * (high[:, columns] > 0.0)
+    return low, np.maximum(low, high)

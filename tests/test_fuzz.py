@@ -15,8 +15,8 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -27,6 +27,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from solution_mutants import Endless, patience
 from toys import interval_problem, interval_table
 
 import sdhj
@@ -46,10 +47,6 @@ def a_line() -> sdhj.ReachAvoidProblem:
 
 class Enough(Exception):
     """The time is over."""
-
-
-class Hang(BaseException):
-    """Raised by the alarm; no `except Exception` swallows it."""
 
 
 @dataclass
@@ -453,27 +450,13 @@ KINDS: dict[str, Callable[..., Any]] = {
 # ---- the judge
 
 
-@contextmanager
-def impatient(seconds: float) -> Iterator[None]:
-    def ring(*_: Any) -> None:
-        raise Hang
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-
-
 def judged(case: Case) -> tuple[str, str]:
     """The verdict, and what was said."""
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"), impatient(PATIENCE):
+        with warnings.catch_warnings(), np.errstate(all="ignore"), patience(PATIENCE):
             warnings.simplefilter("ignore")
             answer = case.call()
-    except Hang:
+    except Endless:
         return "hang", ""
     except (ValueError, OSError, MemoryError, sdhj.cli.Refusal) as error:
         *_, last = traceback.extract_tb(error.__traceback__)

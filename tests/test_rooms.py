@@ -55,7 +55,8 @@ def faults(module: ast.Module) -> list[str]:
             given = node.args[0] if node.args else None
             if not isinstance(given, ast.Constant) or is_own(str(given.value)):
                 found.append(f"{node.lineno}: {ast.unparse(node)}")
-        if isinstance(node, ast.Name) and node.id == "TYPE_CHECKING":
+        for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        if for_types and any(map(imported, ast.walk(node))):
             found.append(f"{node.lineno}: TYPE_CHECKING")
     return found
 

@@ -56,15 +56,15 @@ def test_the_viability_kernel_of_the_double_integrator(disturbance):
     assert shares[1] < 0.7 * shares[0] and shares[1] < 0.03
 
 
-def judged(table, starts, disturbance, rng, steps=100):
-    """How runs end on the true cart, with the step 0 asked for at every time; colliding is to leave |x| <= 1."""
+def judged(table, starts, disturbance, rng, steps=100, *, first=0):
+    """How runs end on the true cart, asked for step `first` each time (None: the run's); colliding is |x| > 1."""
     controller = Controller(table)
 
     def velocity(states, inputs, signs, t):
         return np.stack([states[:, 1], INPUTS[np.maximum(inputs, 0), 0] + disturbance * signs[:, 0]], axis=1)
 
     return judge.play(
-        lambda states, step: controller.choose(controller.batch(states, 0)),
+        lambda states, step: controller.choose(controller.batch(states, step if first is None else first)),
         velocity,
         lambda states, inputs, t, end: rng.choice([-1.0, 1.0], (len(states), 1)),
         lambda states, t: np.ones(len(states)),
@@ -137,21 +137,7 @@ def test_certified_carts_never_leave(rng):
     assert shares == sorted(shares, reverse=True) and shares[-1] > 0.2
     starts = drawn(table, 2000, rng)
     assert too_far(starts, disturbance).max() < 0
-    controller = Controller(table)
-
-    def velocity(states, inputs, signs, t):
-        return np.stack([states[:, 1], INPUTS[np.maximum(inputs, 0), 0] + disturbance * signs[:, 0]], axis=1)
-
-    outcomes = judge.play(
-        lambda states, step: controller.choose(controller.batch(states, step)),
-        velocity,
-        lambda states, inputs, t, end: rng.choice([-1.0, 1.0], (len(states), 1)),
-        lambda states, t: np.ones(len(states)),
-        lambda states, t: 1 - np.abs(states[:, 0]) + 1e-9,
-        starts,
-        delta=DELTA,
-        steps=20,
-    )
+    outcomes = judged(table, starts, disturbance, rng, 20, first=None)
     assert (outcomes == "late").all(), np.unique(outcomes, return_counts=True)
 
 

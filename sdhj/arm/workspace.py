@@ -149,16 +149,15 @@ class Circle(_Path):
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """The trace is an arc.
+        """The distance to the arc that its centre traces.
 
         A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where
         the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays outside,
-        and at ends of the segment. `half_chord` is half the chord that the circle cuts from the segment's line (0
-        where it
-        cuts none), so foot - reach and foot + reach, clipped to the segment, are all of them: an end inside the circle
-        lies between the two, an end outside that is a minimum has both beyond it. Each candidate is the distance
-        between two points that exist, so the answer is too small by rounding at most.
+        and at ends of the segment. `half_chord` is half the chord that the circle cuts from the segment's line (0 where
+        it cuts none), so foot - half_chord and foot + half_chord, clipped to the segment, are all of them: an end
+        inside the circle lies between the two, an end outside that is a minimum has both beyond it. Each candidate is
+        the distance between two points that exist, so the answer is too small by rounding at most.
         """
         foot, left = segment.coordinates(np.array(self.centre))
         half_chord = np.sqrt(np.maximum(self.radius**2 - np.square(left), 0.0))

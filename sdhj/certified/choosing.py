@@ -289,8 +289,8 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
     """Seconds of one core that preparing and the recursion take."""
-    own = place_axes(problem, axes)
-    _, moves, clear = shapes(problem, axes, own)
+    depends = place_axes(problem, axes)
+    _, moves, clear = shapes(problem, axes, depends)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
     entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.time_invariant else (problem.most_steps + 1) / 2)
     pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
@@ -300,10 +300,10 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
 
     def asked(axes_of: Iterable[int]) -> float:
         """Of how many cells an input's tubes are looked at, for what depends on some axes."""
-        return cells / math.prod(axis.count for k, axis in enumerate(axes) if not own[k] and k not in axes_of)
+        return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
-        free = [axes[k].count for k in unsafe_set.axes if not own[k]]
+        free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
@@ -312,7 +312,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    image = float(image) if own[-1] else 0.0  # else words are asked for
+    image = float(image) if depends[-1] else 0.0  # else words are asked for
     return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])
 
 

@@ -29,6 +29,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import threads
 from sdhj.table.beside import predicted, squared_distances
@@ -99,22 +100,9 @@ def export_c(
     >>> robot.nbytes < 10_000
     True
     """
-    if not isinstance(table, CertifiedTable):
-        raise ValueError(
-            f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
-            'the problem with method="certified"'
-        )
-    only = (only,) if isinstance(only, str) else tuple(only)
-    problem, fields = table.problem, tuple(one for one in FIELDS if one in only)
-    _check_sensing(problem.sensing)
+    problem, fields = _exportable(table), _fields_of(only)
     rule = rule or ("small" if fields == ("select",) else "deepest")
     option("rule", rule, (*RULES, "small"))
-    for one in only:
-        option("only", one, FIELDS)
-    if not fields:
-        raise ValueError(f"only must name some of {', '.join(FIELDS)}")
-    if len(problem.inputs) > MOST_EXPORTED:
-        raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(problem.inputs):,}")
     norms = np.square(problem.inputs).sum(axis=1)
     brake = int(norms.argmin()) if brake is None else whole("brake", brake, least=0, most=len(problem.inputs) - 1)
     folder = Path(folder)
@@ -122,11 +110,8 @@ def export_c(
     writable_file(folder / "sdhj_table.bin")
     data = packed_table(table, fields, _frequent(table) if rule == "small" else rule, brake, progress)
     robot = header_of(table, data, fields, rule, brake)
-    for name, text in (
-        ("sdhj_table.bin", data),
-        (FIXED_HEADER.name, FIXED_HEADER.read_bytes()),
-        ("sdhj_robot.h", robot.encode()),
-    ):
+    files = {"sdhj_table.bin": data, FIXED_HEADER.name: FIXED_HEADER.read_bytes(), "sdhj_robot.h": robot.encode()}
+    for name, text in files.items():
         with replaced_whole(folder / name) as temporary:
             temporary.write_bytes(text)
     return Exported(folder, table)
@@ -140,6 +125,29 @@ def _check_sensing(sensing: Sensing) -> None:
         raise ValueError(
             "a table for a controller that remembers is not exported, as the file has no images: use memory=False"
         )
+
+
+def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
+    """The fields that a file is to have, in their order; ValueError where one is none of `FIELDS`."""
+    only = (only,) if isinstance(only, str) else tuple(only)
+    for one in only:
+        option("only", one, FIELDS)
+    if not only:
+        raise ValueError(f"only must name some of {', '.join(FIELDS)}")
+    return tuple(one for one in FIELDS if one in only)
+
+
+def _exportable(table: Any) -> ReachAvoidProblem:
+    """The problem of a table; ValueError where the table is none that can be exported."""
+    if not isinstance(table, CertifiedTable):
+        raise ValueError(
+            f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
+            'the problem with method="certified"'
+        )
+    _check_sensing(table.problem.sensing)
+    if len(table.problem.inputs) > MOST_EXPORTED:
+        raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(table.problem.inputs):,}")
+    return table.problem
 
 
 # ---- the words

@@ -85,10 +85,10 @@ EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces b
 
 
 def shapes(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """Strides, and the shapes of moves and of `clear`, where the axes `own` (ndim,) bool are those of a place."""
-    strides, moves = moves_of(problem, axes, own)
+    """Strides, and the shapes of moves and of `clear`, where a place depends on some axes, (ndim,) bool."""
+    strides, moves = moves_of(problem, axes, depends)
     times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
 
@@ -170,10 +170,10 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and room."""
+        """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and halo."""
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         lines = self.lines
-        return told | ({"normals": lines.normals.tolist(), "room": lines.room.tolist()} if len(lines.normals) else {})
+        return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
         """Write the moves, and the inputs that are clear."""
@@ -201,12 +201,19 @@ class GeneralProof(Images):
     @kept
     def layout(self) -> Placed:
         """Cells by place."""
-        counts, own = self.cells.counts, self.strides > 0
+        counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
             edges[axis, : cells.count + 1] = cells.edges()
         return Placed(
-            counts, self._numbers(own), self._numbers(~own), 0, 0, 1, edges, self.past + SIDES[:, 0] * self.shell
+            counts,
+            self._numbers(depends),
+            self._numbers(~depends),
+            0,
+            0,
+            1,
+            edges,
+            self.past + SIDES[:, 0] * self.shell,
         )
 
     def _numbers(self, which: FloatArray) -> FloatArray:

@@ -180,23 +180,23 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     Those that a velocity reads, those on which cells are not alike, and those with a wall, but where the velocity is
     always in one range: whoever such a wall holds back is where it could be without the wall, clipped.
     """
-    own: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
+    depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for i, axis in enumerate(axes):
         # obligation 1.1
-        own[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
+        depends[i] |= axis.periodic and abs(float(axis.count * axis.width - axis.extent[1])) > DRIFT * axis.scale
         steady = is_steady(problem, i) and (problem.dynamics.constant or not problem.sensing)
-        own[i] |= not steady and problem.grid.ends_where("holds")[:, i].any()  # obligation 1.2
-    return own
+        depends[i] |= not steady and problem.grid.ends_where("holds")[:, i].any()  # obligation 1.2
+    return depends
 
 
 def moves_of(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], own: FloatArray
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Strides, and the shape of moves, where the axes `own` (ndim,) bool are those of a place."""
+    """Strides, and the shape of moves, where a place depends on some axes, (ndim,) bool."""
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
-    strides[own] = np.cumprod([1, *counts[own][:0:-1]])[::-1] if own.any() else 0
+    strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
     timed = problem.steps if problem.dynamics.timed else 1
-    return strides, (timed, len(problem.inputs), math.prod(counts[own].tolist()), len(axes))
+    return strides, (timed, len(problem.inputs), math.prod(counts[depends].tolist()), len(axes))
 
 
 SIDES = np.array([-1.0, 1.0])[:, None, None]
@@ -258,7 +258,7 @@ class Images(Proof):
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
         oblique: Any = read_only(lines.normals.any(axis=0))
-        return Moves(self.low[start], self.high[start], self.strides, self.past, read_only(each), oblique, lines.room)
+        return Moves(self.low[start], self.high[start], self.strides, self.past, read_only(each), oblique, lines.halo)
 
     @cached_property
     def along(self) -> int:

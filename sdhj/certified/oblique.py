@@ -9,7 +9,7 @@ of velocities lies in their hull. So the image of a cell lies between two planes
     any velocity(v):          n . f in what it is over some of the pieces that V is cut into (`Dynamics.pieces`)
 
 Of each row of cells in the box the image is then a *line*, from a first to a last cell along the last axis. A cell from
-which a bounded axis may end on the way, `room`, keeps its box: whoever a wall holds back is not between the planes.
+which a bounded axis may end on the way, by `halo`, keeps its box: whoever a wall holds back is not between the planes.
 With `Sensing`, with black boxes, and where moves would take too much memory, all cells do.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds, within_grid
 from sdhj.certified.cells import DRIFT, CellAxis
-from sdhj.formulas.formula import Ends
+from sdhj.formulas.formula import Ends, Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.oblique import draw_lines
 from sdhj.problem.problem import ReachAvoidProblem
@@ -39,13 +39,13 @@ ROUNDED = 1e-15
 class Lines(NamedTuple):
     """The lines of all images, none where there are no normals.
 
-    normals (K, ndim). room (2, ndim) int64: cells with fewer cells than that before them or behind them on an axis have
+    normals (K, ndim). halo (2, ndim) int64: cells with fewer cells than that before them or behind them on an axis have
     boxes. each (starts, L, places, rows, 2) int16: the first and the last cell along the last axis, from a cell's own
     on, of each row of the box on the axes that a normal has a part along.
     """
 
     normals: FloatArray
-    room: FloatArray
+    halo: FloatArray
     each: FloatArray
 
 
@@ -55,8 +55,8 @@ def no_lines(ndim: int) -> Lines:
     return Lines(*read_only(nothing))
 
 
-def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatArray) -> FloatArray:
-    """The normals of planes that images may lie between, (K, ndim), by the axes of a place (ndim,) bool.
+def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> FloatArray:
+    """The normals of planes that images may lie between, (K, ndim); depends (ndim,) bool: the axes of a place.
 
     Where the gain is one for all states and times: normal to each of its columns, in the plane of each two axes that it
     moves, and the axes. Else a fan of `FAN` in each plane, as they are in cells.
@@ -64,15 +64,16 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatA
     dynamics, found = problem.dynamics, list[FloatArray]()
     if problem.sensing or not dynamics.formulas:
         return np.zeros((0, len(axes)))
-    still = dynamics.gain is not None and all(one.op == "const" for one in dynamics.gain.outputs)
-    for pair in combinations(np.flatnonzero(~own).tolist(), 2):
+    gain = dynamics.gain
+    still = gain if isinstance(gain, Formula) and all(one.op == "const" for one in gain.outputs) else None
+    for pair in combinations(np.flatnonzero(~depends).tolist(), 2):
         own_pair = list(pair)
         if not (max(dynamics.cuts(own_pair), default=1) > 1 or dynamics.couples(own_pair)):
             continue
         some = [np.array(direction) for direction in ((1.0, 0.0), (0.0, 1.0))]
-        if still:
-            gain = np.array([one.value for one in dynamics.gain.outputs]).reshape(dynamics.gain.shape)[:, own_pair]
-            columns = np.moveaxis(gain, 1, 2).reshape(-1, 2)
+        if still is not None:
+            entries = np.array([one.value for one in still.outputs]).reshape(still.shape)[:, own_pair]
+            columns = np.moveaxis(entries, 1, 2).reshape(-1, 2)
             some += [np.array([b, -a]) for a, b in columns.tolist() if a and b]
         else:
             angles, widths = np.pi / FAN * np.arange(FAN), [float(axes[k].width) for k in pair]
@@ -86,7 +87,7 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatA
     return np.array(found) if 0 < len(found) <= MOST_NORMALS else np.zeros((0, len(axes)))
 
 
-def along(
+def rates_along(
     bounds: Bounds, normals: FloatArray, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
     """Least and greatest n . f under u_j in boxes (M, ndim) and an interval of time: (2, M, K)."""
@@ -141,7 +142,7 @@ def leaned(
     length = np.nextafter(duration / parts, np.inf)
     for part in range(parts):
         low, high = boxes + np.moveaxis(tubes[:, part], 2, 0)  # obligation 2.47
-        moved = length * along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45
+        moved = length * rates_along(bounds, normals, j, low, high, (cuts[part], cuts[part + 1]))  # obligation 2.45
         out += moved + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(moved) + np.abs(out))
     return out
 
@@ -164,23 +165,24 @@ def drawn(
     return out
 
 
-def room_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
+def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
     """By how many cells tubes (M, parts, ndim, 2) and boxes of cells get beyond a cell, and two more: (2, ndim)."""
     width = np.array([float(axis.width) for axis in axes])
     low, high = ends
     back = np.maximum(-tubes[..., 0].min(axis=(0, 1)) / width, -low.min(axis=0))
     ahead = np.maximum(tubes[..., 1].max(axis=(0, 1)) / width, high.max(axis=0))
     bounded = normals.any(axis=0) & ~np.array([axis.periodic for axis in axes])
-    room = np.ceil(np.maximum(np.stack([back, ahead]), 0.0)) + 2  # obligation 2.46
-    return np.where(bounded, np.minimum(room, 2.0**31), 0).astype(np.int64)
+    halo = np.ceil(np.maximum(np.stack([back, ahead]), 0.0)) + 2  # obligation 2.46
+    return np.where(bounded, np.minimum(halo, 2.0**31), 0).astype(np.int64)
 
 
 class Drawing:
     """The lines of a proof's images, put together place by place."""
 
     def __init__(self, proof: Any) -> None:
+        """No lines yet, along the normals of a proof that is being prepared."""
         self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
-        self.room: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
+        self.halo: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
 
     def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
@@ -197,7 +199,7 @@ class Drawing:
         times = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
         far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
         self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
-        self.room = np.maximum(self.room, room_of(proof.axes, normals, tubes, (low, high)))
+        self.halo = np.maximum(self.halo, halo_of(proof.axes, normals, tubes, (low, high)))
 
     @property
     def lines(self) -> Lines:
@@ -208,20 +210,20 @@ class Drawing:
         out = np.zeros((*self.proof.low.shape[:3], rows, 2), np.int16)
         for (start, j, first), one in self.found.items():
             out[start, j, first : first + len(one), : one.shape[1]] = one
-        return Lines(*read_only((self.normals, self.room, out)))
+        return Lines(*read_only((self.normals, self.halo, out)))
 
 
-def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatArray) -> int:
+def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """What the lines of images take at most, in memory and while they are drawn."""
-    return 8 * MOST_LINES if len(normals_of(problem, axes, own)) else 0
+    return 8 * MOST_LINES if len(normals_of(problem, axes, depends)) else 0
 
 
 def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lines:
     """The lines in an open file; ValueError where they do not fit the proof, of which the moves are read."""
-    ndim, own = len(proof.axes), proof.strides > 0
-    normals, room = np.array(stated["normals"], np.float64), np.array(stated["room"], np.int64)
+    ndim, depends = len(proof.axes), proof.strides > 0
+    normals, halo = np.array(stated["normals"], np.float64), np.array(stated["halo"], np.int64)
     fits = normals.ndim == 2 and normals.shape[1] == ndim and 0 < len(normals) <= MOST_NORMALS
-    if not fits or not np.isfinite(normals).all() or normals[:, own].any() or room.shape != (2, ndim):
+    if not fits or not np.isfinite(normals).all() or normals[:, depends].any() or halo.shape != (2, ndim):
         raise ValueError(f"lines must lie between planes along axes that no velocity depends on, got {normals}")
     rows = rows_of(normals, *(moves.reshape(-1, ndim) for moves in (proof.low, proof.high)))
-    return Lines(*read_only((normals, room, stored(file, "lines", "int16", (*proof.low.shape[:3], rows, 2)))))
+    return Lines(*read_only((normals, halo, stored(file, "lines", "int16", (*proof.low.shape[:3], rows, 2)))))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sdhj.formulas.graph import Node, constant, make, ordered, rebuilt
-from sdhj.formulas.narrowing import ZERO, squares
+from sdhj.formulas.narrowing import ZERO, at_most, squares
 from sdhj.formulas.rules import RULES, angle_rate, settled
 
 ONE = constant(1.0)
@@ -58,8 +58,11 @@ def _derived(one: Node, found: Found) -> Node:
         slopes = [_turning(one.args[0], found)]
     rule = RULES[one.op].derivative
     assert rule is not None, f"{one.op} has no derivative in its record"
-    found_slope: Node = rule(make, one, one.args, slopes)
-    return found_slope
+    slope: Node = rule(make, one, one.args, slopes)
+    if one.op == "share" and not at_most(*one.args):  # where it is cut it does not change; it jumps at a divisor of 0
+        cut = make("less", make("abs", one.args[1]), make("abs", one.args[0]))
+        slope = make("where", cut, ZERO, slope) + ZERO * slope
+    return slope
 
 
 def _turning(one: Node, found: Found) -> Node:

@@ -109,7 +109,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
     for one in ordered([a], MOST_NARROWED):
         parts: list[Any] = [found.get(arg) for arg in one.args]
         rest = [new.get(arg, arg) for arg in one.args]
-        if _at_most(one, b):
+        if at_most(one, b):
             found[one] = make("share", new.get(one, one), new.get(b, b))
         elif one.op in ("add", "sub") and None not in parts:
             found[one] = make(one.op, *parts)
@@ -120,7 +120,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
     return found.get(a)
 
 
-def _at_most(a: Node, b: Node) -> bool:
+def at_most(a: Node, b: Node) -> bool:
     """Whether |a| <= |b| wherever both are defined."""
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
     while RULES[a.op].shrinks:

@@ -225,8 +225,8 @@ def traced(
 
     It is called with `arguments(rows)`: traced arrays, and numbers or read-only arrays. Its answer has a leading
     dimension where it is `per_point`, which may lack where it reads no point, and then that `shape`, or any for None;
-    of a level set, (), it may not. Called `again` with one point more it
-    answers differently where it hangs on their number, on chance, or on earlier calls.
+    of a level set, (), it may not. Called `again` with one point more it answers differently where it hangs on their
+    number, on chance, or on earlier calls.
 
     NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
     where its answer has another shape.

@@ -28,26 +28,26 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
             end, empty = (high[m, last] + 1) * width[last] + stick[last], False
             for side in range(2 * many):
                 k, way, rest = side >> 1, 2.0 * (side & 1) - 1.0, row
-                room = most[m, k] if way > 0.0 else -least[m, k]
-                size = abs(room)
+                slack = most[m, k] if way > 0.0 else -least[m, k]
+                size = abs(slack)
                 for axis in range(last, -1, -1):
                     slope = way * normals[k, axis]
-                    room += max(slope * width[axis], 0.0)  # the farthest of the cell itself  # obligation 2.34
+                    slack += max(slope * width[axis], 0.0)  # the farthest of the cell itself  # obligation 2.34
                     if axis < last and along_one(normals, axis):
                         count = high[m, axis] - low[m, axis] + 1
                         at, rest = low[m, axis] + rest % count, rest // count
                         near = at * width[axis] - (stick[axis] if at == low[m, axis] else 0.0)
                         far = (at + 1) * width[axis] + (stick[axis] if at == high[m, axis] else 0.0)
-                        room -= min(slope * near, slope * far)  # obligation 2.37
+                        slack -= min(slope * near, slope * far)  # obligation 2.37
                         size += abs(slope) * max(abs(near), abs(far))
-                room += ROUNDING * size
+                slack += ROUNDING * size
                 slope = way * normals[k, last]
                 if slope > 0.0:
-                    end = min(end, room / slope)  # obligation 2.38
+                    end = min(end, slack / slope)  # obligation 2.38
                 elif slope < 0.0:
-                    begin = max(begin, room / slope)  # obligation 2.39
+                    begin = max(begin, slack / slope)  # obligation 2.39
                 else:
-                    empty |= room < 0.0  # obligation 2.49
+                    empty |= slack < 0.0  # obligation 2.49
             out[m, row, 0], out[m, row, 1] = 0, -1
             if begin <= end and not empty:  # obligation 2.50
                 first = math.floor((begin + stick[last] / 2) / width[last])

@@ -23,7 +23,7 @@ class Moves(NamedTuple):
     there are none: of what is past one by a cell or more, and so by more than rounding, no cell is asked for.
 
     Where images are oblique (`sdhj.certified.oblique`), lines (L, places, rows, 2) int16: the first and the last cell
-    along the last axis, from a cell's own on, of each row of the box on some `oblique` (ndim,) axes; room (2, ndim):
+    along the last axis, from a cell's own on, of each row of the box on some `oblique` (ndim,) axes; halo (2, ndim):
     cells with fewer cells before or behind them have boxes. Else lines are of no inputs.
     """
 
@@ -33,7 +33,7 @@ class Moves(NamedTuple):
     safe: FloatArray
     lines: FloatArray = np.zeros((0, 0, 0, 2), np.int16)
     oblique: FloatArray = np.zeros(0, np.bool_)
-    room: FloatArray = np.zeros((2, 0), np.int64)
+    halo: FloatArray = np.zeros((2, 0), np.int64)
 
 
 class Boxes(NamedTuple):
@@ -111,7 +111,7 @@ def row_of_box(box, cells):
 
 @kernel(**UNCOUNTED)
 def image_inside(cell, low, high, safe, cells, index, pool, scratch):
-    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; room (3, ndim): scratch.
+    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; scratch (3, ndim).
 
     safe (2, ndim): see `Moves`.
     """
@@ -120,7 +120,7 @@ def image_inside(cell, low, high, safe, cells, index, pool, scratch):
 
 @kernel(**UNCOUNTED)
 def rows_inside(total, cells, index, pool, scratch):
-    """Whether all cells of a box with so many rows are in a set; room: as `box_of_image` leaves it, but for begins."""
+    """Whether all cells of a box with so many rows are in a set; scratch as `box_of_image` left it, but for begins."""
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
     word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
@@ -142,7 +142,7 @@ def has_lines(cell, moves, cells, axes):
     """Whether the image of a cell is lines: it is far enough from the ends of the first `axes` axes."""
     for axis in range(axes if moves.lines.shape[0] > 0 else 0):
         # obligation 3.20
-        if cell[axis] < moves.room[0, axis] or cell[axis] >= cells.counts[axis] - moves.room[1, axis]:
+        if cell[axis] < moves.halo[0, axis] or cell[axis] >= cells.counts[axis] - moves.halo[1, axis]:
             return False
     return moves.lines.shape[0] > 0
 
@@ -216,7 +216,7 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
     inner = np.uint64(0)  # the cells of which images are lines
     for bit in range(64 if has_lines(cell, moves, cells, last) else 0):
-        if moves.room[0, last] <= 64 * word + bit < count - moves.room[1, last]:  # obligation 3.25
+        if moves.halo[0, last] <= 64 * word + bit < count - moves.halo[1, last]:  # obligation 3.25
             inner |= BIT << np.uint64(bit)
     for j in range(found.size):
         total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, last, scratch)
@@ -295,9 +295,9 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
 def reached_words(rows, changed, far, cells, out, scratch, hit):
     """Mark the words with cells whose images under some input may hold cells that changed.
 
-    changed (n, W): not 0 in the words of some rows (n,) that have such cells. reach (inputs, 2, ndim): how far each
-    input leads from any place, first and last. out (R, W) bool: words are set to True. room (4, ndim - 1) int64 and hit
-    (W,) bool: scratch.
+    changed (n, W): not 0 in the words of some rows (n,) that have such cells. far (inputs, 2, ndim): how far each
+    input leads from any place, first and last. out (R, W) bool: words are set to True. scratch (4, ndim - 1)
+    int64, hit (W,) bool.
     """
     (cell, begin, number, at), last, words = (
         (scratch[0], scratch[1], scratch[2], scratch[3]),

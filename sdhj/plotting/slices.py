@@ -156,7 +156,7 @@ def draw_constraints(
     >>> plotting.draw_constraints(ax, sdhj.arm_case_study(nodes=9), through=[0, 0, 0.2, 0.2], resolution=31)
     """
     where = plane(problem.grid, through, axes, resolution)
-    for i, part in enumerate((problem.target, *problem.unsafe)):
+    for i, part in enumerate(problem.all_sets):
         if parts is None or part.name in parts:
             draw_set(ax, where, where.true(part, step * problem.delta), look(part.name), part.name, 2.0 + i)
     frame_slice(ax, problem.grid, axes)

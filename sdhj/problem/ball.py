@@ -53,6 +53,7 @@ class Ball:
     sides: int = 8
 
     def __post_init__(self) -> None:
+        """Check radius and sides; ValueError where one does not fit."""
         if not callable(self.radius):
             object.__setattr__(self, "radius", number("radius", self.radius, least=0.0))
         if whole("sides", self.sides, least=4, most=MOST_SIDES) % 2:

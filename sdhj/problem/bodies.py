@@ -109,6 +109,7 @@ class Body:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
+        """Check vertices, radius and pose; ValueError where one does not fit."""
         vertices = finite_array("vertices of a body", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
             raise ValueError(f"vertices of a body must have shape (K, 2), one of them at least, got {vertices.shape}")
@@ -154,11 +155,11 @@ def parts_of(shape: Any) -> list[Part]:
     return [part(corners, ROUNDING * size if len(whole) > 1 else 0.0) for corners in whole]
 
 
-def along(a: FloatArray, b: FloatArray, heading: Any) -> Any:
+def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
     """a . R b, for R that turns by the heading: |a| |b| cos(heading + phase)."""
     cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
     if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
-        return -along(-a, b, heading)
+        return -dot_turned(-a, b, heading)
     size = math.hypot(cosine, sine)
     return size * np.cos(heading + math.atan2(sine, cosine)) if size else 0.0
 
@@ -168,18 +169,22 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
         (beyond_it, along_it) = (
-            [n[0] * x + n[1] * y + along(n, corner, heading) for corner in a.corners] for n in (normal, normal @ TURN)
+            [n[0] * x + n[1] * y + dot_turned(n, corner, heading) for corner in a.corners]
+            for n in (normal, normal @ TURN)
         )
         beside.append(([one - offset for one in beyond_it], along_it, ends))
     for normal, ends, offset in zip(a.normals, a.ends, a.offsets, strict=True) if len(b.corners) else ():
         (beyond_it, along_it) = (
-            [(p - x) * along(UNIT[0], n, heading) + (q - y) * along(UNIT[1], n, heading) for p, q in b.corners]
+            [
+                (p - x) * dot_turned(UNIT[0], n, heading) + (q - y) * dot_turned(UNIT[1], n, heading)
+                for p, q in b.corners
+            ]
             for n in (normal, normal @ TURN)
         )
         beside.append(([one - offset for one in beyond_it], along_it, ends))
     if not beside:  # two points
         (p, q), corner = b.corners[0], a.corners[0]
-        return np.hypot(x + along(UNIT[0], corner, heading) - p, y + along(UNIT[1], corner, heading) - q)
+        return np.hypot(x + dot_turned(UNIT[0], corner, heading) - p, y + dot_turned(UNIT[1], corner, heading) - q)
     apart = reduce(np.maximum, [reduce(np.minimum, beyond_it) for beyond_it, *_ in beside])
     if not len(b.corners):
         return apart
@@ -270,15 +275,15 @@ def cover(body: Body, tolerance: float) -> FloatArray:
 def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
     """Disks (K, 3) about the middles (M, 2) of some squares, with their radii, that cover all squares."""
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
-    room = np.flatnonzero(radii > halves * math.sqrt(2.0))
-    covers = np.ones((len(room), len(squares)), np.bool_)
+    able = np.flatnonzero(radii > halves * math.sqrt(2.0))
+    covers = np.ones((len(able), len(squares)), np.bool_)
     for k in range(len(QUARTERS)):
-        gap = np.hypot(*(squares[room, None] - corners[None, :, k]).transpose(2, 0, 1))
-        covers &= gap <= radii[room, None]
+        gap = np.hypot(*(squares[able, None] - corners[None, :, k]).transpose(2, 0, 1))
+        covers &= gap <= radii[able, None]
     counts, found = covers.sum(axis=1), list[int]()
     while counts.any():
         best = int(np.argmax(counts))
-        found.append(int(room[best]))
+        found.append(int(able[best]))
         new = np.flatnonzero(covers[best])
         counts -= covers[:, new].sum(axis=1)
         covers[:, new] = False
@@ -305,7 +310,7 @@ def map_body_level_set(
         for body, some in disks:
             x, y, heading = relative(body.placed(points, t), origin)
             for a, b, size in some:
-                place = [along(one, np.array([a, b]), heading) for one in UNIT]
+                place = [dot_turned(one, np.array([a, b]), heading) for one in UNIT]
                 found.append(distance(x + place[0], y + place[1]) - (size + body.radius))
         return reduce(np.minimum, found)
 

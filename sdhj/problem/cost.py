@@ -127,7 +127,7 @@ class Meter:
 
 def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
     """Why a solve takes long, in words: so many tubes of so many nodes or cells, and why so many."""
-    moving = [repr(part.name) for part in (problem.target, *problem.unsafe) if part.moving]
+    moving = [repr(part.name) for part in problem.all_sets if part.moving]
     moving += ["the dynamics"] * problem.dynamics.timed
     depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
     why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""

@@ -221,7 +221,7 @@ def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
-def _scaled_velocity(velocity: Any, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
+def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
     """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|): the velocity of a disturbance in [-1, 1]."""
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
@@ -238,8 +238,8 @@ class VectorField:
 
     inputs: FloatArray  # (L, m)
     ndim: int
-    drift: Any  # Formula (L, ndim) without v, or BlackBox; where v does not enter linearly, a Formula that also reads v
-    gain: Any  # Formula (L, ndim, D), or BlackBox; None where v does not enter linearly
+    drift: Formula | BlackBox  # (L, ndim) without v; where v does not enter linearly, a Formula that also reads v
+    gain: Formula | BlackBox | None  # (L, ndim, D); None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
     pieces: int = CUTS  # as in `Dynamics`
     _derived: dict[Any, Formula] = field(
@@ -349,7 +349,7 @@ class VectorField:
     @cached_property
     def oblique(self) -> tuple[int, ...]:
         """The components of the disturbance that move several axes, whatever the time: what each does is a segment."""
-        if not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
+        if self.gain is None or not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
             return ()
         moved = self.pushes
         if self.constant:
@@ -359,8 +359,8 @@ class VectorField:
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
         """The same dynamics, states past some ends moving as at the end."""
-        drift, gain = (part and part.clipped(lower, upper) for part in (self.drift, self.gain))
-        return replace(self, drift=drift, gain=gain)
+        gain = self.gain and self.gain.clipped(lower, upper)
+        return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some axes, which read no others; those are taken at `lower` (ndim,)."""

@@ -80,13 +80,12 @@ def findings() -> Iterator[list[Finding]]:
         _FOUND.reset(token)
 
 
-def tell(finding: Finding | None) -> None:
-    """Warn of a finding, if it is one, at the line that called the package, and add it to those of the solve."""
-    if finding is None:
-        return
-    if (found := _FOUND.get()) is not None:
-        found.append(finding)
-    frame, level = sys._getframe(1), 2
+def tell(*some: Finding | None) -> None:
+    """Warn of findings, None aside, at the line that called the package, and add them to those of the solve."""
+    frame, level, found = sys._getframe(1), 2, _FOUND.get()
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1
-    warnings.warn(str(finding), finding.kind, stacklevel=level)
+    for finding in filter(None, some):
+        if found is not None:
+            found.append(finding)
+        warnings.warn(str(finding), finding.kind, stacklevel=level)

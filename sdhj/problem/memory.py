@@ -26,7 +26,7 @@ def _of_machine() -> Iterator[tuple[int, str]]:
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """The bytes left of this process's address space, if it is limited."""
+    """The bytes left of this process's address space, if it is limited, and how to say it."""
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
 
@@ -39,7 +39,7 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """The bytes that the process's control groups leave; a container sees its group as the root."""
+    """The bytes that the process's control groups leave, and how to say it; a container sees its group as the root."""
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]

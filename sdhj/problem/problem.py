@@ -7,10 +7,11 @@ the level-set functions at nodes and states, `consistency` what is checked when 
 
 import json
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -85,6 +86,23 @@ class ReachAvoidProblem(Sampled):
     array([ True, False])
     """
 
+    if TYPE_CHECKING:  # what is given, where the fields are what is made of it
+
+        def __init__(
+            self,
+            grid: Grid,
+            dynamics: Dynamics | VectorField,
+            target: TargetSet | None,
+            unsafe: Sequence[UnsafeSet],
+            delta: float,
+            steps: int | None,
+            view_time: str = ...,
+            name: str = ...,
+            recipe: Mapping[str, Any] = ...,
+            sensing: Sensing = ...,
+        ) -> None:
+            """Make a problem."""
+
     def __post_init__(self) -> None:
         """Read the functions, and check that all parts fit one another: see `sdhj.problem.consistency`."""
         self._check_parts()
@@ -138,7 +156,8 @@ class ReachAvoidProblem(Sampled):
             object.__setattr__(self, "recipe", Sealed(self.recipe))
         except (TypeError, ValueError) as error:
             raise ValueError(f"recipe must be a mapping that can be written as JSON, or left out: {error}") from None
-        if self.target is None:
+        target: Any = self.target
+        if target is None:
             object.__setattr__(self, "target", ANYWHERE)
         if not isinstance(self.grid, Grid):
             raise ValueError(f"grid must be a sdhj.Grid, got {reprlib.repr(self.grid)}")
@@ -148,9 +167,10 @@ class ReachAvoidProblem(Sampled):
             raise ValueError(f"target must be a TargetSet, or None to stay safe, got {reprlib.repr(self.target)}")
         if not isinstance(self.sensing, Sensing):
             raise ValueError(f"sensing must be a sdhj.Sensing(error=..., ...), got {reprlib.repr(self.sensing)}")
-        unsafe = tuple(self.unsafe) if isinstance(self.unsafe, Sequence) else (self.unsafe,)
-        if not isinstance(self.unsafe, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
-            shown = reprlib.repr(self.unsafe)
+        given: Any = self.unsafe
+        unsafe = tuple(given) if isinstance(given, Sequence) else (given,)
+        if not isinstance(given, Sequence) or not all(isinstance(part, UnsafeSet) for part in unsafe):
+            shown = reprlib.repr(given)
             raise ValueError(f"unsafe must be a sequence of UnsafeSet, empty if nothing is unsafe, got {shown}")
         object.__setattr__(self, "unsafe", unsafe)
         if not self.has_no_target and self.grid.has("frees"):

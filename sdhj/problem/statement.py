@@ -12,6 +12,7 @@ from sdhj.formulas.graph import Lookup
 from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import written
 from sdhj.kernels import FloatArray, kept
+from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
@@ -27,8 +28,8 @@ class Statement(Remembering):
     """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them."""
 
     grid: Grid
-    dynamics: Any
-    target: TargetSet | Any
+    dynamics: VectorField
+    target: TargetSet
     unsafe: tuple[UnsafeSet, ...]
     delta: float
     steps: int | Any
@@ -48,6 +49,11 @@ class Statement(Remembering):
     def has_no_target(self) -> bool:
         """Whether there is no target, so that the task is only to stay clear of the unsafe sets."""
         return self.target is ANYWHERE
+
+    @property
+    def all_sets(self) -> tuple[TargetSet | UnsafeSet, ...]:
+        """The target, where there is one, and the unsafe sets."""
+        return *(() if self.has_no_target else (self.target,)), *self.unsafe
 
     @property
     def inputs(self) -> FloatArray:

@@ -107,7 +107,7 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
     """The velocities under all inputs, and the level-set functions of sets on an axis, each of states (M, ndim)."""
     yield from _velocities(problem)
-    for part in (*problem.unsafe, *(() if problem.has_no_target else (problem.target,))):
+    for part in problem.all_sets:
         if axis in part.axes:
             yield partial(_level, problem, part)
 

@@ -40,7 +40,7 @@ def play_interval(
     if substeps.start == 0 and any(one.inputs is not None for one in problem.unsafe):  # an input may be forbidden here
         lowest = problem.unsafe_value(problem.grid.clipped(states, "frees"), begun.time, inputs)
     fast = problem.remembered("fast sets", lambda: _fast_sets(begun))
-    ahead = near = [_near(begun, part, states, begun.time, len(substeps)) for part in fast]
+    ahead = near = [_near(begun, unsafe_set, states, begun.time, len(substeps)) for unsafe_set in fast]
     for substep in substeps:
         gone = (substep - substeps.start) * begun.duration
         now, left = begun.time + gone, begun.remaining - gone
@@ -52,13 +52,14 @@ def play_interval(
         lowest = np.full(len(states), np.inf)
         if (substep - substeps.start) % LOOKED_AHEAD == 0:
             near = [
-                one & _near(begun, part, before, now, LOOKED_AHEAD, one) for part, one in zip(fast, ahead, strict=True)
+                one & _near(begun, unsafe_set, before, now, LOOKED_AHEAD, one)
+                for unsafe_set, one in zip(fast, ahead, strict=True)
             ]
-        for part, one in zip(fast, near, strict=True):
+        for unsafe_set, one in zip(fast, near, strict=True):
             some = np.flatnonzero(one & (clearance > 0) & (ended == UNDECIDED))
             if some.size:
                 way = before[some], met[some] - before[some], now, begun.duration
-                clearance[some] = np.minimum(clearance[some], _least_between(problem, part, *way))
+                clearance[some] = np.minimum(clearance[some], _least_between(problem, unsafe_set, *way))
         ended[(ended == UNDECIDED) & (clearance <= 0)] = COLLIDED
         ended[(ended == UNDECIDED) & problem.grid.beyond(states, "fails")] = OFF
         if problem.has_no_target:
@@ -78,44 +79,44 @@ def _fast_sets(begun: Moment) -> list[UnsafeSet]:
     """
     problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
-    for part in problem.unsafe:
+    for unsafe_set in problem.unsafe:
         deepest = change = 0.0
         for step in {0, problem.most_steps // 2, problem.most_steps - 1}:
             points, t = rng.uniform(grid.lower, grid.upper, (DRAWN, grid.ndim)), problem.time(step)
             moved = points + h * problem.interval(step).speeds * rng.choice([-1.0, 1.0], points.shape)
             moved = np.where(grid.periodic, moved, np.clip(moved, grid.lower, grid.upper))
-            before, after = problem.value_of(part, points, t), problem.value_of(part, moved, t + h)
+            before, after = problem.value_of(unsafe_set, points, t), problem.value_of(unsafe_set, moved, t + h)
             deepest, change = max(deepest, -before.min()), max(change, np.abs(after - before).max())
         if change > FAST * deepest or deepest == 0.0:
-            found.append(part)
+            found.append(unsafe_set)
     return found
 
 
 def _near(
-    begun: Moment, part: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
+    begun: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
     """Which runs, of those asked (M,), a set may come to in so many substeps, by bounds around each state: (M,)."""
-    found = part.counts(begun.inputs) if asked is None else asked.copy()
+    found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
     start = begun.problem.grid.clipped(states[some], "frees") - far
     times = t, t + begun.duration * substeps
-    found[some] = _may_meet(begun.problem, part, start, np.broadcast_to(2 * far, start.shape), times)
+    found[some] = _may_meet(begun.problem, unsafe_set, start, np.broadcast_to(2 * far, start.shape), times)
     return found
 
 
 def _may_meet(
-    problem: ReachAvoidProblem, part: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
+    problem: ReachAvoidProblem, unsafe_set: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
     """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,).
 
     Where a black box does not declare enough for bounds it is not asked.
     """
-    axes, grid = list(part.axes), problem.grid.subgrid(part.axes)
+    axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
     low, high = start + np.minimum(by, 0.0), start + np.maximum(by, 0.0)
     over_seam = np.array(grid.periodic) & ((low < grid.lower) | (high > grid.upper))
     try:
-        least = part.level_set.bounds_by_branch(low, high, times)[0]
+        least = unsafe_set.level_set.bounds_by_branch(low, high, times)[0]
     except ValueError:
         return np.zeros(len(points), np.bool_)
     return ~(least > 0.0) | over_seam.any(axis=1)
@@ -123,7 +124,7 @@ def _may_meet(
 
 def _least_between(
     problem: ReachAvoidProblem,
-    part: UnsafeSet,
+    unsafe_set: UnsafeSet,
     points: FloatArray,
     moved: FloatArray,
     t: float,
@@ -131,14 +132,14 @@ def _least_between(
     halvings: int = HALVINGS,
 ) -> FloatArray:
     """The least value of a set on the way from points (M, ndim) to points + moved, where it was looked at: (M,)."""
-    out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, part, points, moved, (t, t + h)))
+    out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:
         half = moved[left] / 2
-        out[left] = problem.value_of(part, points[left] + half, t + h / 2)
+        out[left] = problem.value_of(unsafe_set, points[left] + half, t + h / 2)
         on = out[left] > 0.0
         left, half = left[on], half[on]
         for begin, at in ((points[left], t), (points[left] + half, t + h / 2)):
-            out[left] = np.minimum(out[left], _least_between(problem, part, begin, half, at, h / 2, halvings - 1))
+            out[left] = np.minimum(out[left], _least_between(problem, unsafe_set, begin, half, at, h / 2, halvings - 1))
     return out
 
 

@@ -28,14 +28,14 @@ class Danger(NamedTuple):
 
     axes : the axes of its tubes, ascending.
     moves : whether the tubes differ from step to step.
-    problem, part : a problem and its unsafe set; for the ends of an axis they are a wide problem and its only set.
+    problem, unsafe_set : a problem and its set; for the ends of an axis they are a wide problem and its only set.
     inside : index of the subgrid of `axes` in the grid on which the game is played.
     """
 
     axes: tuple[int, ...]
     moves: bool
     problem: ReachAvoidProblem
-    part: UnsafeSet
+    unsafe_set: UnsafeSet
     inside: tuple[slice, ...]
 
 
@@ -61,8 +61,8 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
     """
     found = former.tube(danger, step) if former else None
     if found is None:
-        found = games.avoid(danger.part, step)[(slice(None), *inside)]
-        found[~danger.part.counts(np.arange(len(found)))] = -np.inf
+        found = games.avoid(danger.unsafe_set, step)[(slice(None), *inside)]
+        found[~danger.unsafe_set.counts(np.arange(len(found)))] = -np.inf
     if former:
         former.keep(danger, found)
     return found

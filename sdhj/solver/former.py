@@ -182,7 +182,7 @@ class Former:
     @staticmethod
     def key(danger: Any) -> Meaning:
         """A key of all that the avoid tubes of one set depend on, in problems that are alike."""
-        return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.part)
+        return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.unsafe_set)
 
     def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
         """The tubes of all static sets together, or of all moving ones, if none of them differs; else None."""

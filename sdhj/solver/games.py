@@ -3,7 +3,7 @@
 For the interval that starts at step k, and for every input u_j held over it, the games of a method compute
 
 * `reach(values, step)`: level-set functions of the reach sets of {values <= 0} (Definition 2; game 3);
-* `avoid(part, step)`: level-set functions of the avoid tubes of one unsafe set (Definition 3; games 1 and 2),
+* `avoid(unsafe_set, step)`: level-set functions of the avoid tubes of one unsafe set (Definition 3; games 1 and 2),
   solved on the axes that set depends on.
 
 The reach-avoid set of u_j is the intersection, max(reach, avoid). `JointGames` solve the reach-avoid game in one PDE

@@ -222,8 +222,7 @@ class ProjectedSets(GridSets):
         """The sets of `GridSets`, with warnings of projections that are empty."""
         super().__init__(*given)
         self.lost = self._lost()
-        for finding in self.empty():
-            tell(finding)
+        tell(*self.empty())
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table, whose details say how much is lost (`_lost`), and "warnings": sentences."""

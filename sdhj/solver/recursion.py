@@ -32,7 +32,7 @@ from sdhj.solver.games import Axes, Games, HJIGames, Pieces, in_eights, past_end
 from sdhj.solver.resolution import check_crossing, check_resolution
 from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, read_window
 from sdhj.table.batches import Table
-from sdhj.table.store import Memory
+from sdhj.table.store import Memory, Store
 from sdhj.table.table import QUIET, RESTLESS, SETTLED, AvoidTubes, LookupTable
 
 PROCESS = 200_000_000  # bytes that Python, NumPy and the compiled kernels need before anything is solved
@@ -163,7 +163,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
         playing: Any = games
         if own is not played or slabs > 1:
             playing = plan.make(own, counted=counted) if counted else plan.make(own)
-        each = [playing.operations(own.avoid_axes(danger.part), step, avoid=True) for step in looked]
+        each = [playing.operations(own.avoid_axes(danger.unsafe_set), step, avoid=True) for step in looked]
         once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
     whole, shared = tuple(range(problem.grid.ndim)), share(problem.grid, plan.axis, plan.halo)
@@ -277,7 +277,7 @@ class InputRows:
         )
 
 
-def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
+def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
     """The avoid tubes of a slab as inputs read them, and at which place those of the step are; of all if it is one."""
     layout, problem = plan.layout, plan.problem
     axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
@@ -294,7 +294,7 @@ def _rows(plan: Plan, arrays: Any, task: Task) -> tuple[InputRows, int]:
     return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 
 
-def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
+def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[bool], str]:
     """Do a task and write what comes of it: the task, what `_avoid` returns, and what the ledger is to be told."""
     met: list[bool] = []
     if task.kind in plan.avoid:
@@ -304,7 +304,7 @@ def work(plan: Plan, arrays: Any, task: Task) -> tuple[Task, list[bool], str]:
     return task, met, arrays.write(task.written, values)
 
 
-def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
+def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     """The target minus the unsafe sets, on one slab; nothing is marked."""
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
@@ -313,7 +313,7 @@ def _goal(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
     return [tube, marks]
 
 
-def _extend(plan: Plan, arrays: Any, task: Task) -> list[FloatArray]:
+def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     """Level-set functions united by the minimum, intersected by the maximum, on one slab."""
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
@@ -351,7 +351,7 @@ def _reach_sets(
     yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach_sets))
 
 
-def _avoid(plan: Plan, arrays: Any, task: Task) -> tuple[list[FloatArray], list[bool]]:
+def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatArray], list[bool]]:
     """The avoid tubes of every input on one slab, or of all where they know nothing of the cut.
 
     Returns of each game, too, whether any node is in danger.
@@ -400,7 +400,7 @@ class Slabs(NamedTuple):
     """How a solve is cut into slabs, where these come from and go to, and who works on them."""
 
     plan: Plan
-    arrays: Any = None  # by default in memory
+    arrays: Memory | Store | None = None  # by default in memory
     run: Callable[[list[Task]], Iterable[Any]] | None = None  # yields what `work` returns of tasks, in any order
     tick: Callable[[int], Any] = lambda slabs: None  # gets how many slabs are done, each time that some are
 
@@ -465,25 +465,29 @@ class GridSets:
         return plan
 
     def _avoid_tubes(self) -> None:
-        """The avoid tubes: once for static unsafe sets, for each step for moving ones."""
+        """Fill in the avoid tubes, of moving sets for each step, else once; warn of sets that no node ever meets."""
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
-            if games and self.plan.former and (same := self._known(kind)) is not None:
+            if isinstance(self.arrays, Memory) and games and (same := self._known(kind)) is not None:
                 self.arrays.arrays[kind] = same
-                met |= {id(game.danger.part) for game in games}
+                met |= {id(game.danger.unsafe_set) for game in games}
                 continue
             for step in range(self.problem.most_steps if kind == "avoid_moving" else 1) if games else ():
                 found = self._do(Task(kind, step, step))
                 looked_at &= len(found) == self.plan.layout.slabs_of(kind)
-                met |= {id(game.danger.part) for one in found for game, any_ in zip(games, one, strict=True) if any_}
-        for part in self.plan.problem.padded.unsafe if looked_at else ():  # else an earlier solve has seen the others
-            if id(part) not in met:
-                tell(never_met(part))
+                met |= {
+                    id(game.danger.unsafe_set) for one in found for game, has in zip(games, one, strict=True) if has
+                }
+        # where nothing was looked at, an earlier solve has seen the others
+        for unsafe_set in self.plan.problem.padded.unsafe if looked_at else ():
+            if id(unsafe_set) not in met:
+                tell(never_met(unsafe_set))
 
     def _known(self, kind: str) -> FloatArray | None:
         """The avoid tubes of a kind that a former solve has."""
         moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
-        same = self.plan.former.same(found, moves, self.problem.most_steps if moves else 1)
+        former, times = self.plan.former, self.problem.most_steps if moves else 1
+        same = former.same(found, moves, times) if former else None
         return same if same is None or moves else same[0]
 
     def _do(self, task: Task) -> list[Any]:

@@ -66,8 +66,8 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
         tell(found or _nowhere(problem, unsafe_set))
 
 
-def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
-    """Find an axis along which, without memory, an interval costs 2 E, and inputs change no more than that."""
+def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
+    """Find an axis along which, without memory, an interval costs 2 E, as much as inputs change in it or more."""
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.memory:
         return None
@@ -87,11 +87,10 @@ def _eaten(problem: "ReachAvoidProblem") -> Finding | None:
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
-    parts = [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
-    for part in parts:
+    for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
-    tell(_eaten(problem))
+    tell(_losing_to_error(problem))
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:

@@ -26,6 +26,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
 from sdhj.solver.games import KEPT, Axes, Games, HJIGames, HopfLaxGames
+from sdhj.solver.schemes import Scheme
 from sdhj.table.store import Arrays, Runs, Shapes, Slab
 
 
@@ -133,7 +134,7 @@ class Task(NamedTuple):
 # ---- how wide a halo is
 
 
-def depth(scheme: Any) -> int:
+def depth(scheme: Scheme) -> int:
     """Nodes that a time step of a scheme reads to each side."""
     return math.prod(scheme.reads)
 
@@ -165,7 +166,7 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     return depth(games.scheme) * _most(games, games.axes, counted)
 
 
-def avoid_halo(games: Any, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
+def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
     """Nodes beside a slab that `games.avoid` needs, on some axes."""
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
@@ -184,7 +185,7 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
     if axis not in danger.axes:
         return AvoidGame(danger)
     whole, place = danger.problem, danger.axes.index(axis)
-    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.part)
+    cut, axes = axis if whole is problem else place, whole.avoid_axes(danger.unsafe_set)
     counted = time_steps(method, whole, axes)
     halo = avoid_halo(method.on(whole), axes, cut, counted)
     return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)

@@ -352,7 +352,7 @@ class LookupTable(Table):
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Whether compiled code could fill in some rows of a batch; False where it met something undefined."""
+        """Fill in some rows of a batch by compiled code; False where it met something undefined, and did not."""
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
         return bool(
@@ -362,8 +362,7 @@ class LookupTable(Table):
     @cached_property
     def _all_formulas(self) -> bool:
         """Whether no level-set function is a black box, so that compiled code can play them."""
-        sets = (*self.problem.unsafe, self.problem.target)
-        return not any(isinstance(one.level_set, BlackBox) for one in sets)
+        return not any(isinstance(one.level_set, BlackBox) for one in self.problem.all_sets)
 
     @kept
     def _tapes(self) -> Any:

@@ -90,7 +90,7 @@ def test_sets_are_all_that_follows_by_plain_loops(name, tables):
                 continue
             place = int(cell @ proof.strides)
             low, high = proof.low[0, j, place].astype(int), proof.high[0, j, place].astype(int)
-            far = ((cell >= lines.room[0]) & (cell < counts - lines.room[1])).all()
+            far = ((cell >= lines.halo[0]) & (cell < counts - lines.halo[1])).all()
             good = True
             for row in product(*(range(a, b + 1) for a, b in zip(low[:-1], high[:-1], strict=True))):
                 number = 0
@@ -148,11 +148,11 @@ def mistaken(name, given=None, answer=None):
 
 # what is set in `sdhj.certified.oblique` while sets are made that are too large
 MISTAKES = {
-    "lines everywhere": ("room_of", lambda axes, *given: np.zeros((2, len(axes)), np.int64)),
+    "lines everywhere": ("halo_of", lambda axes, *given: np.zeros((2, len(axes)), np.int64)),
     "a cell a line": ("drawn", narrower),
     "no way": mistaken("leaned", lambda *some: (*some[:4], 0 * some[4], *some[5:])),
     "less time": mistaken("leaned", lambda *some: (*some[:-1], 0.9 * some[-1])),
-    "begins of parts": mistaken("along", lambda *some: (*some[:-1], (some[-1][0],) * 2)),
+    "begins of parts": mistaken("rates_along", lambda *some: (*some[:-1], (some[-1][0],) * 2)),
     "nothing before": mistaken("_component", answer=lambda low, high: (0 * low, high)),
     "nothing behind": mistaken("_component", answer=lambda low, high: (low, 0 * high)),
 }
@@ -163,12 +163,12 @@ def as_it_is(told, arrays):
 
 
 def honest(robot):
-    """Sets that were made by mistake, with the lines and the room that are true of a robot."""
+    """Sets that were made by mistake, with the lines and the halo that are true of a robot."""
 
     def change(told, arrays):
         problem, cells = (ROBOTS | OTHERS)[robot]
         lines = sdhj.solve(problem(), sdhj.Certified(cells=cells), progress=False).proof.lines
-        told["proof"]["room"], arrays["lines"][...] = lines.room.tolist(), lines.each
+        told["proof"]["halo"], arrays["lines"][...] = lines.halo.tolist(), lines.each
 
     return change
 
@@ -218,8 +218,8 @@ FORGERIES = {
     "a line that begins a cell late": ("gust", shorter(0), "moves: "),
     "a line that ends a cell early": ("gust", shorter(1), "moves: "),
     "no line": ("gust", none, "moves: "),
-    "no room before": ("between walls", lambda told, _: told["proof"]["room"][0].__setitem__(0, 1), "moves: "),
-    "no room behind": ("between walls", lambda told, _: told["proof"]["room"][1].__setitem__(1, 1), "moves: "),
+    "no halo before": ("between walls", lambda told, _: told["proof"]["halo"][0].__setitem__(0, 1), "moves: "),
+    "no halo behind": ("between walls", lambda told, _: told["proof"]["halo"][1].__setitem__(1, 1), "moves: "),
     "no normals": ("gust", lambda told, _: told["proof"].update(normals=[]), "normals must be"),
     "normals along a place": (
         "car",
@@ -242,7 +242,7 @@ FORGERIES = {
     "lines without what is behind": ("gust, nothing behind", as_it_is, "moves: "),
     "lines near a wall": ("in a corner, lines everywhere", honest("in a corner"), "one step nearer"),
     "lines that are not inside": ("gust, a cell a line", honest("gust"), "one step nearer"),
-    "room in parts": ("gust", lambda told, _: told["proof"]["room"][0].__setitem__(0, 0.5), "room must be"),
+    "halo in parts": ("gust", lambda told, _: told["proof"]["halo"][0].__setitem__(0, 0.5), "halo must be"),
 }
 
 
@@ -289,8 +289,8 @@ def test_a_box_stays_a_box(tmp_path):
 # what is changed of which mark `# check`, the forgery that is then believed
 BELIEVED = {
     "pushes along a normal": ("3.52 zero 7; zero 10", "a line that ends a cell early"),
-    "room before": ("3.57 true 10; true 19", "no room before"),
-    "room behind": ("3.58 true 10; true 21", "no room behind"),
+    "halo before": ("3.57 true 10; true 19", "no halo before"),
+    "halo behind": ("3.58 true 10; true 21", "no halo behind"),
     "the cell itself": ("3.61 zero 4", "a line that ends a cell early"),
     "all of a row": ("3.62 turn 5", "a line that ends a cell early"),
     "where a line begins": ("3.63 true 3", "a line that begins a cell late"),

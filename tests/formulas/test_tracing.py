@@ -1,4 +1,4 @@
-"""Functions read as graphs: what NumPy computes at random points, by the slow twin, or a refusal that says what."""
+"""Functions read as graphs: what NumPy computes at random points, or a refusal that says what."""
 
 import copy
 import dataclasses
@@ -12,12 +12,12 @@ import threading
 import types
 import warnings
 
+import graphs
 import numba
 import numpy as np
 import pytest
 import scipy.spatial
 import scipy.special
-import twin_formulas as twin
 from awkward_functions import FUNCTIONS
 from numpy import min as minimum_of
 from numpy import zeros
@@ -52,7 +52,7 @@ def check(function, shape=(), undefined=0.9):
     nodes = nodes_of(function, shape=shape)
     with np.errstate(all="ignore"):
         expected = np.asarray(function(POINTS.copy(), T), dtype=np.float64).reshape(len(POINTS), -1)
-        found = np.array([twin.values(nodes, point, [T]) for point in POINTS])
+        found = graphs.values(nodes, POINTS, [T]).T
     assert np.isnan(found).mean() <= undefined
     np.testing.assert_allclose(found[~np.isnan(found)], expected[~np.isnan(found)], rtol=1e-12, atol=1e-12)
     return nodes
@@ -356,7 +356,7 @@ def test_awkward_functions_are_refused_or_right(name):
         return
     with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
         expected = np.asarray(FUNCTIONS[name](POINTS.copy()), dtype=np.float64)
-        found = np.array([twin.value(nodes[0], point, []) for point in POINTS])
+        found = graphs.values(nodes, POINTS)[0]
     if name.startswith("cut"):  # an angle is pi or -pi at the cut: signs of zeros are not told apart
         found, expected = np.abs(found), np.abs(expected)
     np.testing.assert_allclose(found[~np.isnan(found)], expected[~np.isnan(found)], rtol=1e-12, atol=1e-12)
@@ -695,7 +695,7 @@ def test_constants_that_change_later_change_nothing():
     centre = np.array([1.0, 2.0])
     nodes = nodes_of(lambda p, t: p[:, 0] - centre[0])
     centre[:] = 9.0
-    assert twin.value(nodes[0], [0.0, 0.0], [0.0]) == -1.0
+    assert graphs.values(nodes, [[0.0, 0.0]], [0.0]) == -1.0
 
 
 def test_rows_equal_no_other_length():

@@ -196,12 +196,12 @@ def test_avoid_tubes_need_what_they_say(method, monkeypatch):
         run_plainly(monkeypatch)
     problem = rough_problem(72, across=12, gain=0.05)
     (game,) = (in_slabs(method, problem, one, 0) for one in dangers(problem))
-    whole = method.on(problem).avoid(game.danger.part, 0)[:, 20:24]
+    whole = method.on(problem).avoid(game.danger.unsafe_set, 0)[:, 20:24]
 
     def on_a_slab(halo):
         window, kept = around(problem.grid, 0, (20, 24), halo)
         games = method.on(problem.on(window), counted=game.counted, wanted={0: kept})
-        return games.avoid(game.danger.part, 0)
+        return games.avoid(game.danger.unsafe_set, 0)
 
     assert game.halo == avoid_halo(method.on(problem), (0, 1), 0, game.counted)
     assert np.array_equal(on_a_slab(game.halo), whole)

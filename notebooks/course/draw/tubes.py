@@ -30,7 +30,9 @@ from sdhj.arm.case_studies import scene
 from sdhj.kernels import FloatArray
 from sdhj.plotting import draw_arm, draw_workspace, plane
 from sdhj.plotting.looks import FULL_LOOKS, INNER_LOOKS, OUTCOME_INK
+from sdhj.plotting.slices import Plane
 from sdhj.problem.grid import Grid
+from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
 TALL = (8.2, 3.8)  # inches, with a legend below
@@ -91,6 +93,21 @@ def draw_surface(figure: Figure, table: Table, *, through: Sequence[float]) -> N
     ax.set_box_aspect(None, zoom=0.92)
 
 
+def draw_over(
+    figure: Figure, problem: ReachAvoidProblem, where: Plane, state: Sequence[float], start: int, masks: Sequence[Any]
+) -> Axes:
+    """The workspace in `state`, and beside it sets of a slice over each other: light, dark, orange. Its axes."""
+    left, right = figure.subplots(1, 2)
+    draw_arm_live(left, problem, state, start * problem.delta)
+    left.set_title("workspace")
+    image = np.zeros((*masks[0].shape, 4))
+    for mask, colour in zip(masks, (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK), strict=False):
+        image[mask] = to_rgba(colour)
+    draw_pixels(right, image, around(where.x, where.y), "sets")
+    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    return right
+
+
 def draw_gap(
     figure: Figure,
     full: Table,
@@ -102,21 +119,12 @@ def draw_gap(
 ) -> Numbers:
     """One tube by two methods over each other, through the pursuer in `state` (Fig. 13): `full` light, `inner` dark."""
     within = full.steps - start if within is None else min(within, full.steps - start)
-    left, right = figure.subplots(1, 2)
-    problem = full.problem
-    draw_arm_live(left, problem, state, start * problem.delta)
-    left.set_title("workspace")
     where = plane(full.grid, state, resolution=LIVE)
     a, b = (
         slice_values(table.grid, table.values(start=start, within=within), state, (0, 1), where.x, where.y)
         for table in (full, inner)
     )
-    image = np.zeros((*a.shape, 4))
-    image[a <= 0], image[b <= 0], image[(b <= 0) & (a > 0)] = (
-        to_rgba(colour) for colour in (FULL_LOOKS["facecolor"], INNER_LOOKS["facecolor"], OUTCOME_INK)
-    )
-    draw_pixels(right, image, around(where.x, where.y), "gap")
-    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    right = draw_over(figure, full.problem, where, state, start, (a <= 0, b <= 0, (b <= 0) & (a > 0)))
     right.set_title(f"light: {full.method}, dark: {inner.method}; within {within}")
     return {
         f"slice inside, {full.method}": float((a <= 0).mean()),
@@ -152,20 +160,15 @@ def draw_certified(
 ) -> Numbers:
     """What is proved (dark) of what interpolation says (light), on a slice through the pursuer in `state`."""
     within = table.steps - start if within is None else min(within, table.steps - start)
-    left, right = figure.subplots(1, 2)
-    problem = table.problem
-    draw_arm_live(left, problem, state, start * problem.delta)
-    left.set_title("workspace")
     where = plane(table.grid, state, resolution=LIVE)
     said, proved = (where.shaped(t.contains(where.points, start=start, within=within)) > 0 for t in (table, certified))
-    image = np.zeros((*said.shape, 4))
-    image[said], image[proved] = to_rgba(FULL_LOOKS["facecolor"]), to_rgba(INNER_LOOKS["facecolor"])
-    draw_pixels(right, image, around(where.x, where.y), "certified")
-    draw_sets_quickly(right, problem, through=state, step=start, filled=False, resolution=81)
+    right = draw_over(figure, table.problem, where, state, start, (said, proved))
     right.plot(*here(table.grid, state), **HERE)
     right.set_title(f"from step {start}, within {within} steps")
     areas = (FULL_LOOKS, "inside by interpolation only"), (INNER_LOOKS, "proved")
-    draw_slice_legend(figure, problem, *(Patch(facecolor=looks["facecolor"], label=told) for looks, told in areas))
+    draw_slice_legend(
+        figure, table.problem, *(Patch(facecolor=looks["facecolor"], label=told) for looks, told in areas)
+    )
     return {
         "slice inside by interpolation": float(said.mean()),
         "slice proved": float(proved.mean()),

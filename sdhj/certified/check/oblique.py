@@ -35,7 +35,7 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return out[0], out[1]
 
 
-def fastest(
+def rates_along(
     velocity: Velocity, normals: Array, j: int, low: Array, high: Array, times: Times, cuts: int
 ) -> tuple[Array, Array]:
     """Least and greatest n . f under u_j and any adversary over boxes (M, ndim): both (M, K)."""
@@ -63,8 +63,9 @@ class Lines:
     """The lines of a file; ValueError where they do not fit its moves, low and high (starts, L, places, ndim)."""
 
     def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
+        """Read and check what the proof's part of a file states, and the lines among its arrays."""
         ndim = robot.grid.ndim
-        given, room = stated["normals"], stated["room"]
+        given, halo = stated["normals"], stated["halo"]
         fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
         expect(fits, f"normals must be 1 to {MOST_NORMALS}", given)
         self.normals = np.array([reals("normals", one, ndim) for one in given])
@@ -75,10 +76,10 @@ class Lines:
         expect(not (self.oblique & robot.known).any(), "normals must be along axes that cells move alike on", given)
         # check 7.53
         expect(not robot.sensing, "images of what is measured must be boxes", robot.sensing.error)
-        fits = isinstance(room, list) and len(room) == 2 and all(len(one) == ndim for one in room)
-        fits = fits and all(is_whole(one, 0, MOST_COUNTED**3) for side in room for one in side)
-        expect(fits, "room must be whole numbers for both ends of each axis", room)
-        self.room, self.width = np.array(room), np.array([float(width) for _, width, *_ in robot.axes])
+        fits = isinstance(halo, list) and len(halo) == 2 and all(len(one) == ndim for one in halo)
+        fits = fits and all(is_whole(one, 0, MOST_COUNTED**3) for side in halo for one in side)
+        expect(fits, "halo must be whole numbers for both ends of each axis", halo)
+        self.halo, self.width = np.array(halo), np.array([float(width) for _, width, *_ in robot.axes])
         self.bounded, self.scale, self.near = self.oblique & ~robot.periodic, robot.scale, 2 * robot.near
         self.leading = np.flatnonzero(np.array(self.oblique)[:-1])
         numbers = robot.high[..., self.leading].astype(np.int64) - robot.low[..., self.leading] + 1
@@ -91,7 +92,7 @@ class Lines:
     def far_from_ends(self, cells: Array, counts: Array) -> Array:
         """Which cells (M, ndim) have lines: (M,)."""
         # check 3.75
-        return np.all((cells >= self.room[0]) & (cells < counts - self.room[1]), axis=1)
+        return np.all((cells >= self.halo[0]) & (cells < counts - self.halo[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
         """Each row of boxes of cells (M, ndim): its number, where it is on all axes, and which boxes have it."""
@@ -112,7 +113,7 @@ class Lines:
 
             def bounds(low: Array, high: Array, when: Times = when) -> tuple[Array, Array]:
                 """Those of n . f in one part."""
-                return fastest(robot.moves, self.normals, j, low, high, when, cuts)  # check 3.71
+                return rates_along(robot.moves, self.normals, j, low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
             # check 3.70
@@ -121,13 +122,13 @@ class Lines:
         return out[0], out[1]
 
     def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: int, swept: Array, cuts: int) -> Array:
-        """Whether the lines of places hold all that is between the planes, and `room` all that ends may meet: (M,)."""
+        """Whether the lines of places hold all that is between the planes, and `halo` all that ends may meet: (M,)."""
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
         # check 3.57
-        fits = np.all(~self.bounded | ((back <= self.room[0] * self.width) & (-low <= self.room[0])), axis=1)
+        fits = np.all(~self.bounded | ((back <= self.halo[0] * self.width) & (-low <= self.halo[0])), axis=1)
         # check 3.58
-        fits &= np.all(~self.bounded | ((ahead <= (self.room[1] - 1) * self.width) & (high <= self.room[1])), axis=1)
+        fits &= np.all(~self.bounded | ((ahead <= (self.halo[1] - 1) * self.width) & (high <= self.halo[1])), axis=1)
         least, most = self.reached(robot, boxes, j, swept, robot.time(start), cuts)
         sticks, width, n = robot.sticks * self.scale, self.width, self.normals
         first, past = low[:, -1] * width[-1] - sticks[-1], (high[:, -1] + 1) * width[-1] + sticks[-1]
@@ -137,17 +138,17 @@ class Lines:
             b = ((at + 1) * width + np.where(at == high, sticks, 0.0))[:, self.leading]
             for k, way in product(range(len(n)), (-1.0, 1.0)):
                 slope = way * n[k]
-                own = most[:, k] if way > 0 else -least[:, k]
-                own = own + np.maximum(slope * width, 0.0).sum()  # of the cell itself  # check 3.61
+                slack = most[:, k] if way > 0 else -least[:, k]
+                slack = slack + np.maximum(slope * width, 0.0).sum()  # of the cell itself  # check 3.61
                 terms = np.stack([slope[self.leading] * a, slope[self.leading] * b])
-                own += 4 * ROUNDED * (np.abs(own) + np.abs(terms).max(axis=0).sum(axis=1))
-                own -= terms.min(axis=0).sum(axis=1)  # check 3.62
+                slack += 4 * ROUNDED * (np.abs(slack) + np.abs(terms).max(axis=0).sum(axis=1))
+                slack -= terms.min(axis=0).sum(axis=1)  # check 3.62
                 if slope[-1] > 0:
-                    end = np.minimum(end, own / slope[-1])
+                    end = np.minimum(end, slack / slope[-1])
                 elif slope[-1] < 0:
-                    begin = np.maximum(begin, own / slope[-1])
+                    begin = np.maximum(begin, slack / slope[-1])
                 else:
-                    empty |= own < 0
+                    empty |= slack < 0
             lines = self.each[start, j, places, row].astype(np.int64)
             # check 3.63
             good = (lines[:, 0] * width[-1] <= begin + sticks[-1]) | (lines[:, 0] <= low[:, -1])

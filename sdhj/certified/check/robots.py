@@ -532,7 +532,7 @@ class Robot(Sets):
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether from cells some input that is clear leads into a set only, all its cells counted: (M,) bool."""
+        """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:

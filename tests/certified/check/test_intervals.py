@@ -5,6 +5,7 @@ from fractions import Fraction
 from itertools import product
 
 import flint
+import naive_formulas as naive
 import numpy as np
 import pytest
 
@@ -13,64 +14,6 @@ from sdhj.certified.check.intervals import JUMPS, RULES, gridded, sure
 flint.ctx.prec = 200
 
 
-def fraction(function):
-    """An exact operation on the numbers themselves."""
-    return lambda *numbers: function(*map(Fraction, numbers))
-
-
-def arb(function):
-    return lambda *numbers: function(*map(flint.arb, numbers))
-
-
-def power(n):
-    return fraction(lambda a: None if a == 0 and n < 0 else a**n)
-
-
-def real_power(a, b):
-    if a < 0 or (a == 0 and b <= 0):
-        return None
-    return Fraction(0) if a == 0 else flint.arb(a) ** flint.arb(b)
-
-
-def angle(y, x):
-    return Fraction(0) if x == y == 0 else flint.arb.atan2(flint.arb(y), flint.arb(x))
-
-
-EXACT = {  # None where it is undefined
-    "add": fraction(lambda a, b: a + b),
-    "sub": fraction(lambda a, b: a - b),
-    "mul": fraction(lambda a, b: a * b),
-    "div": fraction(lambda a, b: None if b == 0 else a / b),
-    "share": fraction(lambda a, b: Fraction(0) if b == 0 else max(Fraction(-1), min(Fraction(1), a / b))),
-    "neg": fraction(lambda a: -a),
-    "abs": fraction(abs),
-    "sqr": fraction(lambda a: a * a),
-    "sqrt": lambda a: None if a < 0 else flint.arb(a).sqrt(),
-    "pow": real_power,
-    "exp": arb(flint.arb.exp),
-    "log": lambda a: None if a <= 0 else flint.arb(a).log(),
-    "sin": arb(flint.arb.sin),
-    "cos": arb(flint.arb.cos),
-    "tan": arb(flint.arb.tan),
-    "arctan": arb(flint.arb.atan),
-    "arctan2": angle,
-    "tanh": arb(flint.arb.tanh),
-    "arcsin": lambda a: None if abs(a) > 1 else flint.arb(a).asin(),
-    "arccos": lambda a: None if abs(a) > 1 else flint.arb(a).acos(),
-    "hypot": arb(lambda a, b: (a * a + b * b).sqrt()),
-    "min": fraction(min),
-    "max": fraction(max),
-    "floor": fraction(lambda a: Fraction(math.floor(a))),
-    "mod": fraction(lambda a, b: None if b == 0 else a - math.floor(a / b) * b),
-    "sign": fraction(lambda a: Fraction((a > 0) - (a < 0))),
-    "less": fraction(lambda a, b: Fraction(a < b)),
-    "lesseq": fraction(lambda a, b: Fraction(a <= b)),
-    "equal": fraction(lambda a, b: Fraction(a == b)),
-    "and": fraction(min),
-    "or": fraction(max),
-    "not": fraction(lambda a: 1 - a),
-    "where": fraction(lambda c, a, b: a if c else b),
-}
 TRUTHS = {"and": 2, "or": 2, "not": 1, "where": 1}  # so many operands are truth values
 KINKS = np.array([0.0, -0.0, 1.0, -1.0, 0.5, math.pi / 2, math.pi, -math.pi, 2.0, 3.0, -4.0, 5e-324, 1e-160, -1e-200])
 
@@ -89,7 +32,7 @@ def truths(rng, count):
     return low, np.maximum(low, rng.integers(0, 2, count))
 
 
-def check(name, rule, exact, operands, rng):
+def check(name, rule, operands, rng, exponent=0):
     """How many of the boxes are known; every sample is inside those, and those in which one is undefined are not."""
     with np.errstate(all="ignore"):
         low, high = (np.broadcast_to(end, operands[0][0].shape) for end in sure(*rule(*operands)))
@@ -103,12 +46,11 @@ def check(name, rule, exact, operands, rng):
             inside,
             [0.0 if a <= 0 <= b else x for (a, b), x in zip(ends, inside, strict=True)],
         ]:
-            value = exact(*map(float, point))
+            value = naive.exact(name, list(map(float, point)), exponent)
             if value is None:
                 assert np.isnan(low[box]), (name, ends, point)
             elif not np.isnan(low[box]):
-                least, most = (kind(end) for kind, end in ((type(value), low[box]), (type(value), high[box])))
-                assert not (value < least or most < value), (name, ends, point, value, low[box], high[box])
+                assert naive.lies_within(value, low[box], high[box]), (name, ends, point, value, low[box], high[box])
     return float(np.mean(~np.isnan(low)))
 
 
@@ -116,11 +58,11 @@ def check(name, rule, exact, operands, rng):
 def test_every_exact_value_is_inside(name, rng):
     if name == "power":
         for n in (-64, -3, -2, -1, 0, 1, 2, 3, 5, 64):
-            assert check(name, lambda a, n=n: RULES[name][1](a, n), power(n), [boxes(rng, 100)], rng) > 0.3
+            assert check(name, lambda a, n=n: RULES[name][1](a, n), [boxes(rng, 100)], rng, n) > 0.3
         return
     count, rule = RULES[name]
     operands = [truths(rng, 400) if k < TRUTHS.get(name, 0) else boxes(rng, 400) for k in range(count)]
-    known = check(name, rule, EXACT[name], operands, rng)
+    known = check(name, rule, operands, rng)
     assert known > (0.15 if name in ("sqrt", "log", "pow", "arcsin", "arccos") else 0.4)
 
 
@@ -132,7 +74,7 @@ def test_every_exact_value_is_on_one_side_of_the_jump(name, rng):
         ends = [RULES[name][1](*operands, side) for side in (0, 1)]
         return np.minimum(ends[0][0], ends[1][0]), np.maximum(ends[0][1], ends[1][1])
 
-    assert check(name, both, EXACT[name], [boxes(rng, 400), boxes(rng, 400)], rng) > 0.4
+    assert check(name, both, [boxes(rng, 400), boxes(rng, 400)], rng) > 0.4
     near = {"arctan2": ((-0.1, 0.2), (-1.1, -1.0)), "mod": ((1.9, 2.1), (2.0, 2.0))}[name]
     for side in (0, 1):
         low, high = RULES[name][1](*[tuple(map(np.array, one)) for one in near], side)
