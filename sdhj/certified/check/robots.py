@@ -500,6 +500,14 @@ class Robot(Sets):
         edges = self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
 
+    def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
+        """`clear_holds` of the cells of these numbers (M,), so many at a time that memory is bounded."""
+        out = np.empty(numbers.size, np.bool_)
+        for begin in range(0, numbers.size, BOXES_AT_ONCE):
+            own = slice(begin, begin + BOXES_AT_ONCE)
+            out[own] = self.clear_holds(self.ends(self.cells(numbers[own])), step, j, swept, at[own])
+        return out
+
     def cuts(self, step: int) -> list[float]:
         """When the parts of the interval from a step begin and end."""
         return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
@@ -647,13 +655,7 @@ class Robot(Sets):
                     if counted:
                         rows = row[at[some]]
                         some = some[~self.clear_by_lattice(step, j, numbers[some], looked_at, swept, rows)]
-                    rows = row[at[some]]
-                    slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
-                    good = [
-                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, j, swept, rows[own])
-                        for own in slabs
-                    ]
-                    open_[step] = some[~np.concatenate(good)] if good else some
+                    open_[step] = some[~self.clear_in_slabs(step, j, numbers[some], swept, row[at[some]])]
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
             wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])
         yield Claim("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
