@@ -142,7 +142,7 @@ class Robot(Sets):
             axes = [axis for axis in range(ndim) if axis in one["axes"]]
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
             lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
-        lattices *= chosen * FEW >= cells
+        lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
