@@ -36,7 +36,7 @@ def pieces_of(counts: Sequence[int], times: int) -> int:
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
     """Bytes of the lattices of a set with so many periodic axes, and of what the last one is made of."""
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
-    return boxes * ((4 * times << laps) + (5 << laps) + 4)
+    return boxes * ((4 * times << laps) + (2 << laps) + 4)
 
 
 class Lattice:
