@@ -23,12 +23,21 @@ def robot_on_a_line() -> dict[str, Any]:
     """What the example in `help(sdhj)` defines; other examples use its problem, table and controller."""
     text = (Path(__file__).parent / "sdhj" / "__init__.py").read_text("utf-8").split('"""')[1]
     names: dict[str, Any] = {}
-    exec("import numpy as np\n" + "\n".join(re.findall(r"^(?:>>>|\.\.\.) (.*)$", text, re.MULTILINE)), names)
+    exec("\n".join(re.findall(r"^(?:>>>|\.\.\.) (.*)$", text, re.MULTILINE)), names)
     return names
 
 
 @pytest.fixture(autouse=True)
-def shared_example(request: pytest.FixtureRequest) -> None:
-    """The robot on a line, for examples that name it."""
-    if (example := getattr(request.node, "dtest", None)) and "With the robot on a line" in example.docstring:
+def as_a_reader_would_run_it(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An example alone: no name of its module, the robot on a line where it says so, and `solve` warns as it does."""
+    if (example := getattr(request.node, "dtest", None)) is None:
+        return
+    import sdhj.solving
+    from sdhj.certified.explaining import scanty
+    from sdhj.simulation.played import judged_at_the_end
+
+    example.globs.clear()
+    if "With the robot on a line" in example.docstring:
         example.globs.update(robot_on_a_line())
+    monkeypatch.setattr(sdhj.solving, "judged_at_the_end", judged_at_the_end)  # which tests/conftest.py leaves out
+    monkeypatch.setattr(sdhj.solving, "scanty", scanty)

@@ -84,7 +84,7 @@ class Promise:
 def promised(problem: ReachAvoidProblem, method: Any, kind: str, value: float) -> Promise:
     """What is promised with an "error", a "delay" or a "jitter" of this much; nothing where the target is too small."""
     try:
-        unsure = replace(problem, sensing=sdhj.Sensing(**{kind: value}))
+        unsure = replace(problem, sensing=sdhj.Sensing(**{kind: value}, memory=False))
     except ValueError as refused:
         if TOO_MUCH not in str(refused):
             raise
@@ -128,7 +128,7 @@ def limits(problem: ReachAvoidProblem, method: Any, kind: str, most: float) -> l
 
     def fits(value: float) -> bool:
         try:
-            replace(problem, sensing=sdhj.Sensing(**{kind: value}))
+            replace(problem, sensing=sdhj.Sensing(**{kind: value}, memory=False))
         except ValueError as refused:
             if TOO_MUCH not in str(refused):
                 raise

@@ -7,6 +7,7 @@ Units are metres, radians and seconds. A robot's functions are plain NumPy and a
 
 A robot on a line, pushed by a disturbance of up to 0.2 m/s, must come within 1 m of the origin and never beyond 3 m:
 
+>>> import numpy as np
 >>> import sdhj
 >>> speeds = [[-1.0], [0.0], [1.0]]
 >>> problem = sdhj.ReachAvoidProblem(

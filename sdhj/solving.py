@@ -154,8 +154,14 @@ def resolve(
     table : Table
         Of `solve` or `resolve`; it stays as it is. One of `resolve` has more to take from: it keeps also the solutions
         between the tubes, which take as much memory as these, and the avoid tubes of each set.
-    problem, method, progress, operations
-        As in `solve`.
+    problem : ReachAvoidProblem
+        What is solved now.
+    method : Method or {"hji", "lax", "projected", "certified"}
+        The one that `table` is of, or nothing is taken.
+    progress : bool, optional
+        Whether to show a progress bar; by default where standard error is a terminal.
+    operations : float
+        More than so many are refused, as hours are usually meant to be a smaller grid.
 
     Returns
     -------
@@ -163,8 +169,10 @@ def resolve(
 
     Raises
     ------
-    ValueError, MemoryError
-        As `solve`; ValueError if `table` is none.
+    ValueError
+        If `table` is none, an option does not fit the problem, or it takes too many operations.
+    MemoryError
+        If there is not enough memory.
 
     Examples
     --------
@@ -173,7 +181,7 @@ def resolve(
     >>> def seen_at(x):
     ...     steps = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
     ...     return sdhj.ReachAvoidProblem(
-    ...         grid=sdhj.Grid([0.0, -1.0], [4.0, 1.0], [41, 21]),
+    ...         grid=sdhj.Grid([0.0, -1.0], [4.0, 1.0], [81, 41]),
     ...         dynamics=sdhj.Dynamics(inputs=steps, drift=steps, gain=np.eye(2), bounds=[0.1, 0.1]),
     ...         target=sdhj.TargetSet((0,), lambda p, t: 3.0 - p[:, 0]),
     ...         unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - x, p[:, 1]) - 0.3)],
@@ -229,12 +237,22 @@ def _rehearsed(table: Table) -> dict[str, Any]:
 def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
     """State what `solve` in memory would cost, by the model by which it refuses what is too long, and solve nothing.
 
+    Parameters
+    ----------
+    problem : ReachAvoidProblem
+    method : Method or {"hji", "lax", "projected", "certified"}
+
+    Returns
+    -------
+    Cost
+        `operations`, `nbytes` of memory, `tubes` and more; `print` shows them in a line.
+
     Raises
     ------
     ValueError
         If the method does not fit the problem, or does not say what it costs.
     MemoryError
-        As `solve`.
+        If there is not enough memory to find out.
 
     Examples
     --------
@@ -289,6 +307,11 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         The problem that the table was solved for. It is needed only if it has black boxes (`sdhj.BlackBox`), whose
         functions a file cannot contain. It must be the problem of the solve, up to the rounding of another machine. If
         it has no number of steps, it gets the number in the file.
+
+    Returns
+    -------
+    LookupTable, CertifiedTable or StoredTable
+        Of the class that was saved.
 
     Raises
     ------

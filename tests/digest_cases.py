@@ -119,6 +119,16 @@ def tide(*, turning: bool) -> Any:
     return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics, steps=4)
 
 
+def askew() -> Any:
+    """Commands that are played in a direction which is off by v, the more so with time: margins are over hulls."""
+
+    def velocity(q: Any, u: Any, v: Any) -> Any:
+        return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
+
+    dynamics = sdhj.Dynamics(FIVE, velocity=velocity, bounds=lambda t: np.stack([0.5 + 0.1 * np.sin(t)]), pieces=4)
+    return plane(sdhj.UnsafeSet((0, 1), disk(1.9, 1.4, 0.4), name="post"), dynamics=dynamics)
+
+
 def turned() -> Any:
     """The adversary pushes along two directions that are no axes: no box, Lax-Friedrichs with modes."""
     dynamics = sdhj.Dynamics(FIVE, FIVE, [[0.1, 0.06], [-0.05, 0.1]], [1.0, 0.8])
@@ -209,7 +219,7 @@ def chained(method: Any, **given: Any) -> Any:
     return replace(toys.interval_problem(steps=3, rate=-0.1, ends="unsafe", **given), target=target)
 
 
-SENSING = sdhj.Sensing(error=(0.02, 0.01), delay=0.1, jitter=0.02)
+SENSING = sdhj.Sensing(error=(0.02, 0.01), delay=0.1, jitter=0.02, memory=False)
 ARM_CELLS = sdhj.Certified(cells=(63, 63, 18, 18), parts=4)
 
 CASES: dict[str, Case] = {
@@ -229,7 +239,7 @@ CASES: dict[str, Case] = {
     "arm, lax": Case(arm(), "lax"),
     "arm, lax, linear": Case(arm(view_time="sampled"), sdhj.HopfLax("linear", "float64")),
     "arm, certified": Case(arm(), ARM_CELLS),
-    "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01))),
+    "arm, sensing": Case(lambda: replace(arm()(), sensing=sdhj.Sensing(0.005, 0.01, memory=False))),
     "arm, in a store": Case(arm(nodes=(20, 7, 7, 7), steps=2), memory=1_491_136),
     "evader": Case(evader),
     "evader, projected": Case(evader, "projected"),
@@ -260,6 +270,7 @@ CASES: dict[str, Case] = {
     "plane, moving, certified": Case(lambda: moving(True), sdhj.Certified(cells=(40, 30), parts=3)),
     "plane, turned adversary": Case(turned),
     "plane, turned adversary, certified": Case(turned, sdhj.Certified(cells=(80, 60), parts=3)),
+    "plane, askew": Case(askew),
     "plane, forbidden inputs": Case(
         lambda: plane(sdhj.UnsafeSet((0, 1), disk(2.3, 1.45, 0.5), name="zone", inputs=[1, 3]))
     ),
@@ -289,7 +300,9 @@ CASES: dict[str, Case] = {
     # three axes and more
     "car": Case(toys.unicycle_problem),
     "car, sensing": Case(
-        lambda: replace(toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1))
+        lambda: replace(
+            toys.unicycle_problem(), sensing=sdhj.Sensing((0.02, 0.02, 0.03), 0.05, 0.01, rest=1, memory=False)
+        )
     ),
     "car, third order": Case(lambda: toys.unicycle_problem(steps=2), sdhj.HJI(EXACT)),
     "car, projected": Case(

@@ -18,6 +18,7 @@ from sdhj.kernels import FloatArray
 
 Told = dict[str, Any]
 CLEAR, MOVES, GOAL, NEARER = "clear of the unsafe sets", "moves: ", "in the target, and safe", "one step nearer"
+ARRIVE = "into the target itself"
 COVER, GROW, NEAR = "cells cover the axes", "sets grow with the steps to go", "predictions are as near as stated"
 
 
@@ -122,6 +123,16 @@ def standing(*, ends=("wall", "wall"), periodic=False, steps=20, most=1.0):
     return replace(cart(brakes=3.0 * most), grid=grid, steps=steps)
 
 
+def noisy(*, memory=True):
+    """The cart that stands still where it brakes, measured with errors, and its controller remembers.
+
+    From the lowest cell of full width it brakes to half a shell above the wall, too far to be held there.
+    """
+    grid = sdhj.Grid([-1.0, 0.0], [1.0, 1.0], [21, 21], ends=["unsafe", "wall"])
+    sensing = sdhj.Sensing((0.02, 0.05 + 5e-11), memory=memory)
+    return replace(cart(brakes=0.95), grid=grid, steps=20, sensing=sensing)
+
+
 def rail():
     """The cart of the recipes, for ever: where its speed is from 0 inwards it leaves no end of the rail."""
     speeds = sdhj.Grid([-1.0, -4.0], [1.0, 4.0], [81, 81])
@@ -203,6 +214,11 @@ def nearer(*, moving=0.0):
     return line(push=0.0, unsafe=[part])
 
 
+def aimed():
+    """A line without a push on which images end at the target's ends, nearer than what a state may be off its cell."""
+    return replace(line(push=0.0), target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 1.0 - 1e-10))
+
+
 def pole():
     """What is unsafe is told by a function that is undefined at -2.03."""
     part = sdhj.UnsafeSet((0,), lambda p, t: 5.0 + 1.0 / (p[:, 0] + 2.03), name="pole")
@@ -231,7 +247,7 @@ def spread(*, steep=2.0, bounds=lambda q, u: np.stack([0.1 + 0.0 * u[0]]), **sen
         [],
         0.2,
         2,
-        sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing)),
+        sensing=sdhj.Sensing(**({"error": 0.05, "delay": 0.1} | sensing), memory=False),
     )
 
 
@@ -295,6 +311,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "remembered": (lambda: sensed(memory=True), (160,), 2),
     "calming": (calming, (160,), 2),
     "nearer": (nearer, (80,), 1),
+    "aimed": (aimed, (80,), 1),
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
@@ -302,6 +319,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "cart": (cart, (20, 20), 1),
     "rail": (rail, (80, 80), 10),
     "standing": (standing, (40, 10), 2),
+    "noisy": (noisy, (40, 10), 2),
     "standing soon": (lambda: standing(most=10.0), (40, 10), 1),
     "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
@@ -313,7 +331,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "tide": (tide, (120,), 2),
     "blown": (blown, (160,), 2),
     "pushed": (pushed, (80,), 1),
-    "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1)), (80,), 1),
+    "late": (lambda: pushed(sensing=sdhj.Sensing(0.05, 0.1, memory=False)), (80,), 1),
     "drone": (drone, (80,), 1),
     "sliding": (sliding, (40, 4), 2),
     "surge": (surge, (120,), 2),
@@ -417,6 +435,23 @@ def clears(j: int, *cells: int, step: int = 0) -> Callable[[Told, Any], None]:
         clear[step, list(cells), j // 8] |= 1 << (j % 8)
 
     return edit("clear", change)
+
+
+def arrives(j: int, site: int) -> Callable[[Told, Any], None]:
+    """An input is said to lead from a site into the target itself, and nothing else is said."""
+
+    def change(marks: FloatArray) -> None:
+        assert not marks[0, site, j // 8] >> (j % 8) & 1
+        marks.fill(0)
+        marks[0, site, j // 8] |= 1 << (j % 8)
+
+    return both(nothing_in_sets, edit("arrives", change))
+
+
+def arrives_unknown(told: Told, arrays: Any) -> None:
+    """Predictions are said to be led into the target itself."""
+    told["proof"]["arrives"] = True
+    arrays["arrives"] = np.zeros((1, told["cells"]["shape"][0], 1), np.uint8)
 
 
 def shifts(name: str, by: int, *, start: int = 0, j: int = 1, place: int = 0, axis: int = 0) -> Any:
@@ -593,6 +628,15 @@ FORGERIES: dict[str, Forgery] = {
         both(shifts("low", 1, j=1, place=11, axis=1), shifts("high", 1, j=1, place=11, axis=1)),
     ),
     "braking without a cell more": Forgery("standing", MOVES, shifts("high", -1, j=0, place=1)),
+    "half a shell above a wall": Forgery(
+        "noisy", MOVES, both(shifts("low", -1, j=0, place=1, axis=1), shifts("high", -1, j=0, place=1, axis=1))
+    ),
+    "half a shell below a wall": Forgery(
+        "noisy", MOVES, both(shifts("low", 1, j=2, place=10, axis=1), shifts("high", 1, j=2, place=10, axis=1))
+    ),
+    "a measurement that errs nowhere": Forgery(
+        "noisy", MOVES, both(shifts("low", 1, j=1, place=5, axis=1), shifts("high", -1, j=1, place=5, axis=1))
+    ),
     # predictions
     "predictions as near as measurements": Forgery("spread", NEAR, off_by(0.05)),
     "predictions that begin where the state is": Forgery("spread", NEAR, off_by(0.075)),
@@ -643,6 +687,10 @@ FORGERIES: dict[str, Forgery] = {
     # sets
     "a goal more": Forgery("line", GOAL, a_cell_more(0)),
     "a goal in a post": Forgery("line", GOAL, goals_only, becomes=lambda: line(posts=(0.0, 3.0))),
+    "an arrival more": Forgery("line", ARRIVE, arrives(1, 29)),
+    "an arrival that leaves": Forgery("line", ARRIVE, arrives(2, 48)),
+    "an arrival nearer than rounding": Forgery("aimed", ARRIVE, arrives(2, 44)),
+    "arrivals of predictions": Forgery("sensed", "states that are known", arrives_unknown),
     "a goal of another time": Forgery("tide", GOAL, lambda told, arrays: goals_of_step_0(told, arrays)),
     "a goal beside an error": Forgery("sensed", GOAL, a_cell_more(0)),
     "a goal beside an uncertain clock": Forgery("sensed", GOAL, lambda told, arrays: goal_by_the_post(told, arrays)),
@@ -740,7 +788,7 @@ def later_sets_shrink(told: Told, arrays: Any) -> None:
         found[2:4] = found[1]
         found[4:] = False
 
-    sets(change)(told, arrays)
+    both(sets(change), edit("arrives", lambda arrives: arrives.fill(0)))(told, arrays)
 
 
 def safe_for_longer(told: Told, arrays: Any) -> None:

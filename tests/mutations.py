@@ -125,6 +125,7 @@ PROVER = tuple(
         "kernels/oblique",
         "certified/cells",
         "certified/bounds",
+        "certified/arrivals",
         "certified/oblique",
         "certified/images",
         "certified/general_proof",

@@ -228,6 +228,13 @@ def steps_to_go(table, states, step):
     return out
 
 
+def steps_left(table, states, step):
+    """`steps_to_go`, of which none are left in the target itself, also where its cell is not whole."""
+    problem, t = table.problem, table.problem.time(step)
+    there = not problem.has_no_target and problem.target_value(states, t) <= 0
+    return np.where(there & (problem.unsafe_value(states, t) > 0), 0, steps_to_go(table, states, step))
+
+
 def held(problem, states):
     """States after the walls and the period of the grid."""
     for axis, (lower, upper, periodic) in enumerate(
@@ -280,19 +287,24 @@ def assert_runs_succeed(table, states, rng, pieces=8, fine=3):
                 states = held(problem, states + problem.delta / pieces / fine * velocity)
                 t = problem.time(step) + problem.delta * (piece + (part + 1) / fine) / pieces
                 assert (problem.unsafe_value(states, t) > 0).all()
-        assert (steps_to_go(table, states, step + 1) < left).all()
+        after = steps_left(table, states, step + 1)
+        assert (after < left).all()
+        states = states[after > 0]
 
 
 def inputs_that_lead(table, step, following):
-    """Which inputs are clear from a cell and lead into a set: (*cells, L) bool."""
+    """Which inputs are clear from a cell and lead into a set, or into the target itself: (*cells, L) bool."""
     proof, grid, found = table.proof, table.grid, np.zeros((*table.shape, len(table.problem.inputs)), bool)
     safe = [[end == "safe" for end in ends] for ends in grid.ends]
     low, high = (moves[min(step, len(moves) - 1)] for moves in (proof.low, proof.high))
     clear = proof.clear[min(step, len(proof.clear) - 1)].reshape(*table.shape, -1)
+    arrives = proof.arrives[min(step, len(proof.arrives) - 1)] if len(proof.arrives) else None
     for cell, j in itertools.product(np.ndindex(table.shape), range(found.shape[-1])):
         place = int(np.dot(cell, proof.strides))
         if clear[cell][j // 8] >> (j % 8) & 1:
             found[*cell, j] = leads(cell, low[j, place], high[j, place], following, grid.periodic, safe)
+            if arrives is not None:
+                found[*cell, j] |= bool(arrives[int(np.dot(cell, proof.sites)), j // 8] >> (j % 8) & 1)
     return found
 
 

@@ -59,8 +59,49 @@ def largest_in_box(values, low, high, order, grid):
     return reduced(len(order), [0] * len(order))
 
 
-def largest_in_set(values, low, high, halves, order, grid):
-    """Maximum over a box and segments from -half to half: over boxes no more than half a cell apart along each."""
+def planes_around(pieces, ways, pairs, grid):
+    """(normal, greatest n . x) of planes around boxes (low, high), in the plane of each pair of axes; ways a turn."""
+    planes = []
+    for a, b in pairs:
+        for k in range(ways):
+            normal = [0.0] * len(grid["spacing"])
+            normal[a] = math.cos(2 * math.pi * k / ways) / grid["spacing"][a]
+            normal[b] = math.sin(2 * math.pi * k / ways) / grid["spacing"][b]
+            if 4 * k % ways:
+                corners = itertools.chain(*(itertools.product(*zip(*box, strict=True)) for box in pieces))
+                planes.append((normal, max(sum(map(math.prod, zip(normal, x, strict=True))) for x in corners)))
+    return planes
+
+
+def slabs_between(low, high, planes, grid):
+    """Boxes (low, high) of at most a quarter of a cell on all axes but the last that planes cut, and between these."""
+    own = [axis for axis in range(len(low)) if any(normal[axis] for normal, _ in planes)]
+    cuts = [1] * len(low)
+    for axis in own[:-1]:
+        cuts[axis] = max(math.ceil(4 * (high[axis] - low[axis]) / grid["spacing"][axis]), 1)
+    for at in itertools.product(*map(range, cuts)):
+        wide = [(b - a) / count for a, b, count in zip(low, high, cuts, strict=True)]
+        first = [a + i * w for a, i, w in zip(low, at, wide, strict=True)]
+        last = [a + w for a, w in zip(first, wide, strict=True)]
+        for normal, most in planes:
+            rest = sum(min(n * a, n * b) for n, a, b in zip(normal[: own[-1]], first, last, strict=False))
+            if normal[own[-1]] > 0:
+                last[own[-1]] = min(last[own[-1]], (most - rest) / normal[own[-1]])
+            elif normal[own[-1]] < 0:
+                first[own[-1]] = max(first[own[-1]], (most - rest) / normal[own[-1]])
+            elif rest > most:
+                first[own[-1]] = math.inf
+        if first[own[-1]] <= last[own[-1]] + 1e-9 * grid["spacing"][own[-1]]:
+            yield first, last
+
+
+def largest_in_set(values, low, high, halves, planes, order, grid):
+    """Maximum over a box and segments from -half to half, over boxes no more than half a cell apart along each.
+
+    Or, where there are planes, over slabs between them.
+    """
+    if planes:
+        return max(largest_in_box(values, *slab, order, grid) for slab in slabs_between(low, high, planes, grid))
     each = []
     for half in halves:
         cells = max(abs(h) / dx for h, dx in zip(half, grid["spacing"], strict=True))
@@ -73,14 +114,23 @@ def largest_in_set(values, low, high, halves, order, grid):
     return most
 
 
-def corners_of(low, high, halves, grid):
-    """Of a box its corners; with segments the ends that lie farthest in these directions."""
-    corners = []
+def corners_of(low, high, halves, planes, grid):
+    """Of a box its corners; with segments the ends that lie farthest in these directions.
+
+    With planes, the last places on the ways there from the middle of the box that are not beyond one.
+    """
+    corners, middle = [], [(a + b) / 2 for a, b in zip(low, high, strict=True)]
     for sides in itertools.product((-1, 1), repeat=len(low)):
         corner = [a if side < 0 else b for side, a, b in zip(sides, low, high, strict=True)]
         for half in halves:
             towards = sum(side * h / dx for side, h, dx in zip(sides, half, grid["spacing"], strict=True))
             corner = [x + (h if towards >= 0 else -h) for x, h in zip(corner, half, strict=True)]
+        share = 1.0
+        for normal, most in planes:
+            here, there = (sum(map(math.prod, zip(normal, x, strict=True))) for x in (middle, corner))
+            share = min(share, (most - here) / (there - here)) if there > here else share
+        if planes:
+            corner = [a + max(share, 0.0) * (b - a) for a, b in zip(middle, corner, strict=True)]
         corners.append(corner)
     return corners
 
@@ -93,7 +143,8 @@ def decide(q, tubes, following, marks, boxes, order, avoid, grid, true, within=1
     tubes : list of arrays, S_k with 0, 1, ... steps to go
     following : list of arrays, S_{k+1} with 0, 1, ... steps to go; empty at the last step
     marks : list of bool arrays (*shape, L), which inputs each node marks, for each n
-    boxes : list of (low, high, halves), what each input can lead to: corners of a box, and segments around these
+    boxes : list of (low, high, halves, planes), what each input can lead to: corners of a box, segments around these,
+        or what is between planes (normal, greatest n . x)
     avoid : list of (axes, values (L, *shape of those axes))
     true : what the true sets say: {"unsafe": of q, "off the target": of q, "passes": callable (j, steps left)}, bools
     within : judge inputs by the tube of so many steps to go where that is more than the fewest

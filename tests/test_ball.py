@@ -1,6 +1,7 @@
 """Disturbances in a ball: the polygon around it, by its support function, and the same table as by hand."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -107,10 +108,6 @@ def test_velocities_of_the_adversary_s_corners_are_in_the_polygon(name, rng):
         (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(3), sdhj.Ball(0.1)), r"gain of shape \(ndim, 2\)"),
         (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, None, sdhj.Ball(0.1)), "belong together"),
         (lambda: sdhj.Dynamics(SPEEDS, SPEEDS, sdhj.BlackBox(lambda q: q, slope=0.0), sdhj.Ball(0.1)), "formula"),
-        (
-            lambda: room(dynamics=sdhj.Dynamics(SPEEDS, velocity=lambda q, u, v: u + v**2, bounds=sdhj.Ball(0.1))),
-            "enters the velocity linearly",
-        ),
         (lambda: room(gain=lambda q: np.ones((len(q), 2, 3)), bounds=sdhj.Ball(0.1)), "two columns"),
     ],
 )
@@ -122,3 +119,53 @@ def test_what_does_not_fit_is_refused(given, said):
 def test_dynamics_can_be_replaced():
     dynamics = sdhj.Dynamics(SPEEDS, SPEEDS, np.eye(2), sdhj.Ball(0.2))
     assert replace(dynamics, inputs=SPEEDS[:3], drift=SPEEDS[:3]).bounds.size == 4
+
+
+def bent(q, u, v):
+    """A push that is stronger the longer it is: nonlinear in both components."""
+    return u + v * (1 + v[0] ** 2 + v[1] ** 2)
+
+
+@pytest.mark.parametrize("radius", [0.3, lambda q, u: 0.2 + 0.1 * q[:, 0] ** 2 + 0.0 * u[0]], ids=["fixed", "varies"])
+def test_a_ball_whose_disturbance_enters_nonlinearly_is_the_ball_itself(radius, rng):
+    """Every v of the ball is one of the adversary's, and no other; the pieces hold the velocities of all."""
+    problem = room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(radius)))
+    field, q = problem.dynamics, rng.uniform(-1.0, 1.0, (1, 2))
+    r = radius if isinstance(radius, float) else radius(q, SPEEDS[1])[0]
+    assert field.adversaries == 2 and field.cuts((0, 1)) == (8, 8)
+    w = rng.uniform(-1.0, 1.0, (300, 2)) * field.bounds_at(1)
+    pushes = np.array([field.velocity_at(q, 1, one, 0.0)[0] for one in w]) - SPEEDS[1]
+    far = np.linalg.norm(pushes, axis=1)
+    assert far.max() <= r * (1 + r**2) * (1 + 1e-9) and far.max() > 0.95 * r * (1 + r**2)
+    angles = np.arctan2(pushes[:, 1], pushes[:, 0])
+    assert np.histogram(angles, 8, (-np.pi, np.pi))[0].min() > 10
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    reach = field.along(q, 1, 0.0, ways)[0] - ways @ SPEEDS[1]
+    assert (reach >= r * (1 + r**2) * (1 - 1e-9)).all()
+
+
+def test_more_pieces_come_nearer_to_the_ball():
+    """What they reach beyond it falls to the first order, and the table grows; one piece is the square."""
+
+    def made(pieces, bounds=0.2):
+        return room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(bounds), pieces=pieces))
+
+    angles, beyond = np.linspace(0.0, 2 * np.pi, 100), []
+    for pieces in (8, 16, 32, 64):
+        ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        reach = made(pieces).dynamics.along(np.zeros((1, 2)), 1, 0.0, ways)[0] - ways @ SPEEDS[1]
+        beyond.append((reach / (0.2 * 1.04) - 1.0).max())
+    assert beyond[0] < 0.2 and all(0.0 < more < 0.6 * less for less, more in pairwise(beyond))
+    shares = [sdhj.solve(made(pieces), play=False).fraction() for pieces in (1, 6)]
+    assert shares[1] > 1.3 * shares[0]
+
+
+def test_a_nonlinear_ball_is_kept_in_files(tmp_path):
+    def made(r=0.2):
+        return room(dynamics=sdhj.Dynamics(SPEEDS, velocity=bent, bounds=sdhj.Ball(r), pieces=3))
+
+    table = sdhj.solve(made(), play=False)
+    table.save(tmp_path / "table.h5")
+    assert sdhj.load(tmp_path / "table.h5", problem=made()).problem.digest == table.problem.digest
+    with pytest.raises(ValueError, match="bounds"):
+        sdhj.load(tmp_path / "table.h5", problem=made(0.25))

@@ -212,7 +212,7 @@ def test_info_says_what_a_promise_rests_on(tmp_path):
         "  no target: the robot only has to stay clear\n  unsafe 'pillar', sampling cell:\n",
     ):
         assert text in shown, shown
-    sensed = dataclasses.replace(own, sensing=sdhj.Sensing(error=0.01, delay=0.05, jitter=0.02))
+    sensed = dataclasses.replace(own, sensing=sdhj.Sensing(error=0.01, delay=0.05, jitter=0.02, memory=False))
     sdhj.solve(sensed, progress=False).save(tmp_path / "sensed.h5")
     shown = run("info", tmp_path / "sensed.h5").output
     assert "  sensing: error 0.01, delay 0.05, jitter 0.02, rest 0\n" in shown and "bounded, wall ends" in shown, shown

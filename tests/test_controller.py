@@ -68,10 +68,12 @@ def tables() -> dict[str, LookupTable]:
         "unicycle": solved(toys.unicycle_problem(nodes=(9, 9, 8), steps=2), "hji"),
         "arm": solved(sdhj.arm_case_study(nodes=9, steps=3), "hji"),
         "coupled": solved(coupled_problem(), "hji"),
+        "misled": solved(toys.misled_problem(), "hji"),
+        "misled car": solved(toys.misled_car_problem(), "hji"),
     }
 
 
-NAMES = ("interval", "free", "torus", "unicycle", "arm", "coupled")
+NAMES = ("interval", "free", "torus", "unicycle", "arm", "coupled", "misled", "misled car")
 DOUBLE = pytest.param("double", marks=pytest.mark.slow)  # what is compiled for double precision alone
 
 
@@ -141,21 +143,33 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
     """The boxes of all inputs, worked out here from Eq. (1), the order of axes, the avoid tubes, and the grid."""
     problem, grid = table.problem, table.grid
     dynamics, boxes = problem.dynamics, []
+    told = {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic}
     for j in range(len(problem.inputs)):
         middle = problem.grid.lower, problem.grid.upper
         half = q + problem.delta / 2 * dynamics.drift_at(q[None], j)[0]
         held = np.where(grid.periodic, half, np.clip(half, *middle))
         centre = q + problem.delta * dynamics.drift_at(held[None], j)[0]
+        if dynamics.gain is None:
+            still = centre - problem.delta * dynamics.drift_at(q[None], j)[0]
+            pieces = [
+                [still + problem.delta * np.array(end) for end in box]
+                for box in toys.misled_velocities(q, problem.inputs[j])
+            ]
+            low, high = np.min([a for a, _ in pieces], axis=0), np.max([b for _, b in pieces], axis=0)
+            walls = [ends[0] == "wall" and not p for ends, p in zip(grid.ends, grid.periodic, strict=True)][:2]
+            held = (walls & ((low < grid.lower) | (high > grid.upper))[:2]).any()
+            planes = naive_controller.planes_around(pieces, 4 * toys.PIECES, [(0, 1)], told)
+            boxes.append((low, high, [], [] if held else planes))
+            continue
         pushes = problem.delta * dynamics.gain_at(q[None])[0] * dynamics.bounds_at(0)
         several = (pushes != 0).sum(axis=0) > 1
         spread = np.abs(pushes[:, ~several]).sum(axis=1)
-        boxes.append((centre - spread, centre + spread, list(pushes[:, several].T)))
-    kinds = [len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high, _ in boxes}) for axis in range(grid.ndim)]
+        boxes.append((centre - spread, centre + spread, list(pushes[:, several].T), []))
+    kinds = [len({(low[axis] - q[axis], high[axis] - q[axis]) for low, high, *_ in boxes}) for axis in range(grid.ndim)]
     order = sorted(range(grid.ndim), key=lambda axis: kinds[axis] if dynamics.constant else axis)
     avoid = [(table.avoid.static_axes, table.avoid.static)]
     if step < table.steps:
         avoid.append((table.avoid.moving_axes, table.avoid.moving[step]))
-    told = {"lower": grid.lower, "spacing": grid.spacing, "shape": grid.shape, "periodic": grid.periodic}
     return boxes, order, avoid, told
 
 
@@ -502,7 +516,7 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
     problem: Any = SimpleNamespace(
         inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
-    table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at)
+    table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at, normals=None)
     table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing

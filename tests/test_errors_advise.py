@@ -55,13 +55,6 @@ def turned():
     return unicycle_problem()
 
 
-def in_the_plane(bounds):
-    """A robot in the plane, of whose disturbance the square moves it."""
-    moved = sdhj.Dynamics([[0.5, 0.0], [-0.5, 0.0]], velocity=lambda q, u, v: u + v**2, bounds=bounds)
-    grid, goal = sdhj.Grid([-1.0, -1.0], [1.0, 1.0], [21, 21]), sdhj.TargetSet((0, 1), lambda p, t: p[:, 0] - 0.5)
-    return sdhj.ReachAvoidProblem(grid, moved, goal, [], 0.2, 2)
-
-
 def square(p, t):
     return np.abs(p[:, 0]) - 1.0
 
@@ -138,11 +131,6 @@ CASES = {
         r"the answer depends on time: give the step, for example select\(q, step=0\)",
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5]),
         lambda to: Controller(table(view_time="swept", rate=0.1)).select([0.5], step=0),
-    ),
-    "a ball of a disturbance that is squared": (
-        r"enters the velocity linearly; give bounds=\[radius, radius\]",
-        lambda to: in_the_plane(sdhj.Ball(0.1)),
-        lambda to: in_the_plane([0.1, 0.1]),
     ),
     "a rule that answers NaN": (
         "met a NaN, .*; look at the functions it calls",
@@ -333,10 +321,10 @@ CASES = {
         lambda to: recorded(line().dynamics, 0.5),
         lambda to: recorded(Dynamics([[0.5]], [[0.5]], [[1.0]], [0.2]), 0.5),
     ),
-    "a controller that remembers": (
-        "is not exported, as the file has no images: use memory=False",
-        lambda to: exported_with(to, memory=True),
-        lambda to: exported_with(to, memory=False),
+    "a loop of a table that forgets": (
+        r"only tables solved with Sensing\(..., memory=True\) have a loop; ask select and filter",
+        lambda to: exported_with(to, memory=False).loop(1),
+        lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
     ),
     "no run can start": (
         "so no run can start from it; use",
@@ -394,16 +382,11 @@ CASES = {
     ),
     "more doubt than target": (
         "reduce error or delay, or enlarge the target",
-        lambda to: replace(line(), sensing=sdhj.Sensing(0.6)),
+        lambda to: replace(line(), sensing=sdhj.Sensing(0.6, memory=False)),
         lambda to: (
-            replace(line(), sensing=sdhj.Sensing(0.1)),
-            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6)),
+            replace(line(), sensing=sdhj.Sensing(0.1, memory=False)),
+            replace(with_target(lambda p, t: np.abs(p[:, 0]) - 2.0), sensing=sdhj.Sensing(0.6, memory=False)),
         ),
-    ),
-    "an agent that cannot see": (
-        "use a table solved without sensing",
-        lambda to: agent(sensing=sdhj.Sensing(0.1)),
-        lambda to: agent(),
     ),
     "a run that is over": (
         r"the run is over; call reset\(\)",
@@ -629,7 +612,7 @@ def wall(p, t):
 
 def sensed(drift):
     """A problem with measurement error."""
-    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1))
+    return replace(line(), dynamics=Dynamics(MOVES, drift, [[1.0]], [0.2]), sensing=sdhj.Sensing(0.1, memory=False))
 
 
 def agent(reset=False, **options):

@@ -265,7 +265,7 @@ CASES = {
     "velocity": (turned_problem, "hji"),
     "velocity, certified": (turned_problem, sdhj.Certified(cells=(12, 12, 16))),
     "time and state": (lambda: digest_cases.tide(turning=True), "hji"),
-    "sensing": (lambda: dataclasses.replace(small_torus(), sensing=sdhj.Sensing(0.02, 0.01)), "lax"),
+    "sensing": (lambda: dataclasses.replace(small_torus(), sensing=sdhj.Sensing(0.02, 0.01, memory=False)), "lax"),
     "safe ends": (lambda: digest_cases.cart(["safe", "wall"], unsafe=digest_cases.posts()), "hji"),
 }
 

@@ -178,7 +178,7 @@ def test_explain_names_the_set_for_those_inputs_alone(method):
 
 
 def test_with_sensing_the_others_stay_numbers():
-    problem = line(sensing=sdhj.Sensing(0.01, 0.05))
+    problem = line(sensing=sdhj.Sensing(0.01, 0.05, memory=False))
     table = sdhj.solve(problem, progress=False, play=False)
     assert not np.isnan(table.avoid.static).any() and not np.isnan(table.values()).any()
     assert sdhj.monte_carlo(sdhj.Controller(table), 200, progress=False).counts["collided"] == 0

@@ -25,7 +25,7 @@ from sdhj.certified.check import verify
 from sdhj.cli import main
 
 LONGEST = 10.0  # CPU seconds that an answer may take
-SENSING = sdhj.Sensing([0.01, 0.02], 0.01, 0.0)
+SENSING = sdhj.Sensing([0.01, 0.02], 0.01, 0.0, memory=False)
 INPUTS = [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]
 
 
@@ -261,7 +261,7 @@ def test_numbers_of_another_machine_are_let_in(saved):
     )
     with pytest.raises(sdhj.TableFileError, match="the formula of drift is another"):
         sdhj.load(saved(robot), problem=near)
-    small = dataclasses.replace(problem(robot), sensing=sdhj.Sensing((0.01, 0.02), 0.01, 0.0))
+    small = dataclasses.replace(problem(robot), sensing=sdhj.Sensing((0.01, 0.02), 0.01, 0.0, memory=False))
     assert sdhj.load(saved(robot), problem=small).problem is small
 
 

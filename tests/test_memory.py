@@ -130,7 +130,7 @@ def test_what_is_lost_is_of_states():
     """An interval leads all that a measurement may stand for to less than its error, which is no image of states."""
     target = sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 2.0) - 0.5)
     problem = replace(forged_robots.calming(), steps=2, target=target)
-    forgets = replace(problem, sensing=sdhj.Sensing(0.1))
+    forgets = replace(problem, sensing=sdhj.Sensing(0.1, memory=False))
     lost = [
         sdhj.solve(one, sdhj.Certified(cells=(160,)), progress=False, play=False).losing.bits(start=0, within=2)
         for one in (problem, forgets)
@@ -147,14 +147,20 @@ def test_a_file_says_so(fast, tmp_path):
     assert joint(0.1).digest != joint(0.1, memory=False).digest
 
 
+def test_remembering_is_the_default_and_files_from_before_forget(tmp_path):
+    assert sdhj.Sensing(0.1).remembers and not sdhj.Sensing().remembers and sdhj.Sensing().told == {}
+    for memory in (False, True):
+        solved(0.1, cells=(20, 20), memory=memory, steps=2).save(tmp_path / "table.h5")
+        assert sdhj.load(tmp_path / "table.h5").problem.sensing.remembers == memory
+        assert sdhj.load(tmp_path / "table.h5", problem=joint(0.1, memory, 2)).problem.sensing.memory == memory
+
+
 def test_a_solve_says_which_error_eats_the_set():
     with pytest.warns(ResolutionWarning, match="an input changes x2 by 0.04 in an interval, and .* costs 0.04 in"):
         solved(0.01, cells=(40, 40), memory=False)
 
 
-def test_what_cannot_remember_says_so(fast, tmp_path):
-    with pytest.raises(ValueError, match="a controller that remembers is not exported"):
-        sdhj.export_c(fast, tmp_path)
+def test_memory_is_true_or_false():
     with pytest.raises(ValueError, match="memory must be True or False"):
         sdhj.Sensing(0.1, memory="yes")
 

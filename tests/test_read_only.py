@@ -53,7 +53,7 @@ CASES = {
     "lax": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, MOVES, np.eye(2), [0.03, 0.03])), "lax"),
     "timed": (lambda: problem_of(dynamics=sdhj.Dynamics(MOVES, WITH_A_CURRENT, np.eye(2), [0.03, 0.03])), "hji"),
     "certified": (problem_of, sdhj.Certified(cells=[80, 80])),
-    "sensing": (lambda: problem_of(sensing=sdhj.Sensing(error=0.01, delay=0.02)), "hji"),
+    "sensing": (lambda: problem_of(sensing=sdhj.Sensing(error=0.01, delay=0.02, memory=False)), "hji"),
     "moving": (
         lambda: problem_of(unsafe=[sdhj.UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1 - t, p[:, 1] + 1) - 0.3)]),
         "hji",

@@ -16,7 +16,7 @@ from sdhj.table.beside import predicted
 from sdhj.table.files import header
 
 EXACT = HopfLax("linear")
-PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05)
+PLAYED = Sensing(error=0.03, delay=0.2, jitter=0.05, memory=False)
 
 
 @cache
@@ -34,7 +34,13 @@ def closed_form(sensing, n, b=0.2, delta=0.5):
 
 @pytest.mark.parametrize(
     "sensing",
-    [Sensing(0.03), Sensing(delay=0.2), Sensing(jitter=0.05), PLAYED, Sensing([0.06], 0.1, 0.1)],
+    [
+        Sensing(0.03, memory=False),
+        Sensing(delay=0.2, memory=False),
+        Sensing(jitter=0.05, memory=False),
+        PLAYED,
+        Sensing([0.06], 0.1, 0.1, memory=False),
+    ],
     ids=["error", "delay", "jitter", "all", "more"],
 )
 @pytest.mark.parametrize(("method", "off"), [(EXACT, 1e-5), ("hji", 0.005)])
@@ -55,7 +61,7 @@ REST = 2  # the input +1 is held until the first chosen one starts
 @pytest.mark.parametrize("method", [EXACT, sdhj.Certified(cells=[1600])], ids=["lax", "certified"])
 def test_a_measurement_is_asked_where_the_robot_will_be(method, delay):
     """dq = u + v: the prediction y + d u_rest has to be in M^n, which is W^n enlarged by E."""
-    sensing, b, n = Sensing(0.03, delay, rest=REST), 0.2, 5
+    sensing, b, n = Sensing(0.03, delay, rest=REST, memory=False), 0.2, 5
     table = sdhj.solve(replace(toys.interval_problem(nodes=161), sensing=sensing), method, play=False)
     controller, (half, box) = Controller(table), closed_form(sensing, n)
     boundary = np.array([[-half - box - delay], [half + box - delay]])  # of measurements; certified cells are .005 wide
@@ -132,7 +138,7 @@ def lattice_problem(ndim, sensing, *, unsafe=True):
 def test_the_slow_twin(ndim, error, delay, ticks):
     """Whole nodes in whole ticks: boxes end at nodes, so what is interpolated linearly is exact."""
     half = naive_sensing.uncertainty(error, 1, delay)
-    sensing = Sensing(float(error), float(delay), (max(ticks) - 3) / 2)
+    sensing = Sensing(float(error), float(delay), (max(ticks) - 3) / 2, memory=False)
     free = Sensing() if half == 0 else replace(sensing, error=0.0, delay=0.0, jitter=0.0)
     problem, goal, wall = lattice_problem(ndim, free, unsafe=ndim == 1)
     object.__setattr__(problem, "sensing", sensing)  # without asking whether anything of the target is left
@@ -156,10 +162,10 @@ def test_more_of_anything_never_enlarges_a_set(method):
     problem = replace(problem, unsafe=(UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.0, p[:, 1]) - 0.5),))
     chain = [
         Sensing(),
-        Sensing(0.02),
-        Sensing(0.02, 0.03),
-        Sensing(0.02, 0.03, 0.01),
-        Sensing((0.03, 0.02), 0.04, 0.02),
+        Sensing(0.02, memory=False),
+        Sensing(0.02, 0.03, memory=False),
+        Sensing(0.02, 0.03, 0.01, memory=False),
+        Sensing((0.03, 0.02), 0.04, 0.02, memory=False),
     ]
     target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
     before = None
@@ -173,7 +179,9 @@ def test_more_of_anything_never_enlarges_a_set(method):
 
 def test_a_subspace_that_keeps_everything_is_the_whole():
     target = TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] + 1, p[:, 1]) - 0.9)
-    problem = replace(toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, 0.01))
+    problem = replace(
+        toys.torus_problem(nodes=16, steps=2), target=target, sensing=Sensing(0.02, 0.03, 0.01, memory=False)
+    )
     full, same = (sdhj.solve(problem, method, progress=False) for method in (EXACT, Projected([(0, 1)], EXACT)))
     for n in range(3):
         np.testing.assert_array_equal(same.values(start=0, within=n), full.values(start=0, within=n))
@@ -187,8 +195,8 @@ def test_a_delay_is_an_error_that_is_known_and_a_later_clock():
         return replace(part, level_set=lambda p, t: part.level_set(p, t + late))
 
     other = replace(problem, target=later(problem.target), unsafe=tuple(later(part) for part in problem.unsafe))
-    one = sdhj.solve(replace(problem, sensing=Sensing(0.01, late)), EXACT, progress=False)
-    two = sdhj.solve(replace(other, sensing=Sensing(0.01 + late * 0.4)), EXACT, progress=False)
+    one = sdhj.solve(replace(problem, sensing=Sensing(0.01, late, memory=False)), EXACT, progress=False)
+    two = sdhj.solve(replace(other, sensing=Sensing(0.01 + late * 0.4, memory=False)), EXACT, progress=False)
     for n in range(3):
         np.testing.assert_allclose(one.values(start=0, within=n), two.values(start=0, within=n), atol=1e-12)
 
@@ -216,7 +224,7 @@ def integrator(sensing=Sensing(), nodes=(31, 31)):  # noqa: B008 - frozen
 
 def test_the_box_of_a_double_integrator():
     """dw1 = w2, dw2 = b: E = (e1 + e2 d + b d^2 / 2, e2 + b d), and what the next prediction may be off by besides."""
-    box, wider = integrator(Sensing((0.02, 0.03), 0.1, 0.05)).half_widths
+    box, wider = integrator(Sensing((0.02, 0.03), 0.1, 0.05, memory=False)).half_widths
     one, two = 0.02 + 0.03 * 0.1 + 0.1 * 0.1**2 / 2, 0.03 + 0.1 * 0.1
     np.testing.assert_allclose(box, [one, two], rtol=1e-12)
     np.testing.assert_allclose(wider, [2 * one + 0.5 * two, 2 * two], rtol=1e-12)
@@ -224,7 +232,7 @@ def test_the_box_of_a_double_integrator():
 
 def test_states_stay_in_the_box_around_their_predictions():
     """A car under the corners of its disturbance; between the nodes the sine is a little steeper than between two."""
-    sensing = Sensing((0.02, 0.02, 0.1), 0.1)
+    sensing = Sensing((0.02, 0.02, 0.1), 0.1, memory=False)
     problem = replace(toys.unicycle_problem(), sensing=sensing, target=TargetSet((0,), lambda p, t: p[:, 0] - 1.0))
     box, rng, count = problem.half_widths[0], np.random.default_rng(1), 2000
     steepness = np.pi / 16 / np.sin(np.pi / 16)
@@ -331,7 +339,7 @@ def ticking(pipe, delta, jitter, count):
 def test_a_loop_against_a_real_clock():
     """10,000 instants, 2 ms apart, in a process of their own: the missed ones are counted, no more and no fewer."""
     delta, jitter, count = 0.002, 0.0004, 10_000
-    problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter))
+    problem = replace(toys.interval_problem(), delta=delta, sensing=Sensing(0.001, 0.0005, jitter, memory=False))
     controller = Controller(sdhj.solve(problem, EXACT, progress=False))
     controller.step([0.0], 0.0)  # compiled
     here, there = multiprocessing.get_context("spawn").Pipe()
@@ -454,7 +462,7 @@ def test_nothing_is_promised_to_a_state_that_is_off_the_grid(sensing, ends, meth
 )
 def test_what_is_refused(sensing, told):
     with pytest.raises(ValueError, match=told):
-        replace(toys.interval_problem(), sensing=Sensing(**sensing))
+        replace(toys.interval_problem(), sensing=Sensing(**sensing, memory=False))
 
 
 def test_what_is_refused_of_problems():
@@ -464,12 +472,12 @@ def test_what_is_refused_of_problems():
     drift = sdhj.Dynamics(problem.inputs, lambda points, u, t: u + 0.1 * np.sin(t) + 0.0 * points, [[1.0]], [0.2])
     moving = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 0.1 * t) - 1.0)
     for other in ({"view_time": "instantaneous"}, {"dynamics": drift}, {"target": moving}):
-        replace(problem, **other, sensing=Sensing(0.01, 0.02))
+        replace(problem, **other, sensing=Sensing(0.01, 0.02, memory=False))
         with pytest.raises(ValueError, match="with jitter sampling times are uncertain"):
-            replace(problem, **other, sensing=Sensing(jitter=0.1))
+            replace(problem, **other, sensing=Sensing(jitter=0.1, memory=False))
     with pytest.raises(ValueError, match='may be "safe"'):
         staying = replace(problem, target=None, grid=Grid([-4.0], [4.0], [81], ends="safe"))
-        replace(staying, sensing=Sensing(0.1))
+        replace(staying, sensing=Sensing(0.1, memory=False))
 
 
 def test_runs_follow_the_steps_of_the_table():
@@ -518,9 +526,17 @@ def test_what_a_loop_and_an_adversary_may_not_say():
 def test_a_problem_that_senses_is_another_one():
     """All of it counts, and what senses exactly is what it was."""
     problem = toys.torus_problem(nodes=16, steps=2)
-    told = [Sensing(), Sensing(0.01), Sensing(0.01, 0.02), Sensing(0.01, 0.03), Sensing(0.01, 0.02, rest=1)]
+    told = [
+        Sensing(),
+        Sensing(0.01, memory=False),
+        Sensing(0.01, 0.02, memory=False),
+        Sensing(0.01, 0.03, memory=False),
+        Sensing(0.01, 0.02, rest=1, memory=False),
+    ]
     assert len({replace(problem, sensing=sensing).digest for sensing in told}) == len(told)
-    assert replace(problem, sensing=Sensing([0.01, 0.01])).digest == replace(problem, sensing=told[1]).digest
+    assert (
+        replace(problem, sensing=Sensing([0.01, 0.01], memory=False)).digest == replace(problem, sensing=told[1]).digest
+    )
     assert replace(problem, sensing=Sensing(rest=1)).digest == problem.digest
 
 
@@ -531,6 +547,6 @@ def test_a_file_knows_what_it_was_solved_for(tmp_path):
     assert sdhj.load(path, problem=table.problem).fraction(start=0, within=3) == table.fraction(start=0, within=3)
     with pytest.raises(sdhj.TableFileError, match="sensing is"):
         sdhj.load(path, problem=replace(table.problem, sensing=Sensing()))
-    arm = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=Sensing(0.001, 0.01))
+    arm = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=Sensing(0.001, 0.01, memory=False))
     sdhj.solve(arm, progress=False).save(path)
     assert sdhj.load(path).problem.sensing == arm.sensing

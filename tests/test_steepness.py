@@ -94,7 +94,7 @@ def test_what_jumps_is_taken_at_its_worst(law, width):
 def test_states_on_two_sides_of_a_jump_stay_in_the_box():
     """A robot that is pushed away from 0, and measured on the other side: differences between nodes would say less."""
     jump = Dynamics([[-1.0], [0.0], [1.0]], lambda q, u: u[0] + 0.2 * np.sign(q), [[1.0]], [0.1])
-    problem = replace(toys.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1))
+    problem = replace(toys.interval_problem(), dynamics=jump, sensing=Sensing(0.01, 0.1, memory=False))
     box, wider = problem.half_widths
     np.testing.assert_allclose(box, 0.01 + 0.1 * (0.4 + 0.2), rtol=1e-9)
     np.testing.assert_allclose(wider, 2 * box + 0.5 * (0.4 + 0.2), rtol=1e-9)
@@ -129,12 +129,12 @@ def test_what_may_be_undefined_is_refused():
     problem = toys.interval_problem()
     pole = sdhj.Dynamics(problem.inputs, lambda q, u: u[0] + 1e-6 / (q - 0.123456))
     with pytest.raises(ValueError, match="the velocity along x1 may be undefined somewhere on the grid"):
-        replace(problem, dynamics=pole, sensing=Sensing(0.01))
+        replace(problem, dynamics=pole, sensing=Sensing(0.01, memory=False))
 
 
 def test_a_part_of_a_grid_has_the_box_of_the_whole():
     target = sdhj.TargetSet((0,), lambda p, t: p[:, 0] - 1.0)
-    problem = replace(toys.unicycle_problem(), sensing=Sensing(0.02, 0.05), target=target)
+    problem = replace(toys.unicycle_problem(), sensing=Sensing(0.02, 0.05, memory=False), target=target)
     few = problem.grid.stretch(2, problem.grid.shape[2] // 2, 2)  # headings at which one velocity hardly changes
     box = problem.half_widths[0]
     del problem.__dict__["half_widths"]

@@ -223,7 +223,7 @@ def test_a_drift_that_changes_with_time_leaves_segments():
 
 
 def test_intervals_that_may_end_early_keep_their_shape():
-    sensing = sdhj.Sensing(jitter=0.01)
+    sensing = sdhj.Sensing(jitter=0.01, memory=False)
     lax, hji = (share(gust(61, steps=5, sensing=sensing), method) for method in ("lax", "hji"))
     square = gust(61, steps=5, sensing=sensing, gain=np.eye(2), bounds=[0.9 / np.sqrt(2)] * 2)
     assert lax == pytest.approx(hji, rel=0.05) and lax > 1.2 * share(square, "lax")
@@ -253,6 +253,27 @@ def test_in_slabs_and_on_from_a_former_table_bit_for_bit(tmp_path, ends):
     np.testing.assert_array_equal(resolved.values(start=0, within=3), anew.values(start=0, within=3))
 
 
+def pursued(nodes, steps=8):
+    """The arm whose pursuer is as fast in every direction: |v_p| <= .2 in an octagon, where the study has a square."""
+    square = sdhj.arm_case_study(nodes=nodes, steps=steps)
+    drift, gain, bounds = square.dynamics.arrays
+    columns = np.zeros((4, 6))
+    columns[:, :2], columns[2:, 2:] = gain[:, :2], OCTAGON
+    dynamics = sdhj.Dynamics(square.inputs, drift, columns, [*bounds[:2], *(SIDES * 0.2 / 0.3)])
+    return square, sdhj.ReachAvoidProblem(
+        square.grid, dynamics, square.target, square.unsafe, square.delta, square.steps
+    )
+
+
+@pytest.mark.parametrize(
+    ("method", "more"), [("lax", 0.03), pytest.param("hji", 0.05, marks=pytest.mark.slow, id="hji")]
+)
+def test_a_pursuer_that_is_no_faster_diagonally_leaves_more(method, more):
+    """Of the arm at 13 nodes: .3233 -> .3458 by differences, .3413 -> .3585 by Hopf-Lax."""
+    square, ball = (share(problem, method) for problem in pursued(13))
+    assert ball > (1 + more) * square
+
+
 # ---- what the controller sees
 
 
@@ -271,10 +292,9 @@ CASES = {"gust": gust(), "gust, fine": gust(121), "octagon": octagon(), "octagon
 @pytest.mark.parametrize("method", ["hji", "lax"])
 @pytest.mark.parametrize("name", ["gust", "gust, fine", "octagon", "octagon, fine"])
 def test_few_states_are_without_a_safe_input(rng, name, method):
-    """At most 3 % beyond the target, where boxes had 79 % and 94 %; coarse differences, which win 6 % too much, 4."""
-    _, safe, _ = states_of(solved(CASES[name], method), rng)
-    most = 0.04 if (name, method) == ("octagon", "hji") else 0.03
-    assert len(safe) > 100 and np.mean(~safe.any(axis=1)) <= most
+    """At most 3 % beyond the target, where boxes had 79 % and 94 %; of thousands: .3 % is one deviation."""
+    _, safe, _ = states_of(solved(CASES[name], method), rng, 40_000)
+    assert len(safe) > 2000 and np.mean(~safe.any(axis=1)) <= 0.03
 
 
 @pytest.mark.parametrize("name", ["gust", "octagon"])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,6 +69,57 @@ def torus_problem(*, nodes=12, steps=3, view_time="swept"):
         steps,
         view_time,
     )
+
+
+PIECES, ERROR = 4, 0.6  # of what a compass may be off by, rad
+
+
+def misled_problem(*, nodes=21, steps=3):
+    """Two periodic axes, and a command that is played in a direction which is off by v: nonlinear, and in both axes."""
+    courses = np.pi / 4 * np.arange(8)
+    inputs = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(courses), np.sin(courses)], axis=1)])
+
+    def velocity(q, u, v):
+        return np.stack([u[0] * np.cos(v[0]) - u[1] * np.sin(v[0]), u[0] * np.sin(v[0]) + u[1] * np.cos(v[0])])
+
+    return ReachAvoidProblem(
+        Grid([-1.0, -1.0], [1.0, 1.0], [nodes, nodes], [True, True]),
+        Dynamics(inputs, velocity=velocity, bounds=[ERROR], pieces=PIECES),
+        TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.5, p[:, 1]) - 0.3),
+        (UnsafeSet((0, 1), lambda p, t: np.hypot(p[:, 0], p[:, 1] - 0.3) - 0.15, name="post"),),
+        0.2,
+        steps,
+    )
+
+
+def misled_car_problem(*, nodes=(17, 17, 16), steps=2):
+    """The unicycle between walls, whose wheels are askew by v."""
+
+    def velocity(q, u, v):
+        return np.stack([np.cos(q[:, 2] + v[0]), np.sin(q[:, 2] + v[0]), np.full(len(q), u[0])], axis=1)
+
+    problem = unicycle_problem(nodes=nodes, steps=steps)
+    dynamics = Dynamics(problem.inputs, velocity=velocity, bounds=[ERROR], pieces=PIECES)
+    return replace(problem, dynamics=dynamics)
+
+
+def misled_velocities(q, u):
+    """For each piece of what the compass may be off by, the box (low, high) of velocities of these two at a state."""
+
+    def cosine(a, b):
+        turns = [k for k in range(-4, 5) if a <= k * np.pi <= b]
+        found = [np.cos(a), np.cos(b), *((-1.0) ** abs(k) for k in turns)]
+        return np.array([min(found), max(found)])
+
+    boxes, cuts = [], np.linspace(-ERROR, ERROR, PIECES + 1)
+    for a, b in pairwise(cuts):
+        if len(q) == 3:
+            both = [cosine(q[2] + a, q[2] + b), cosine(q[2] + a - np.pi / 2, q[2] + b - np.pi / 2), [u[0], u[0]]]
+        else:
+            c, s = cosine(a, b), cosine(a - np.pi / 2, b - np.pi / 2)
+            both = [np.sort(u[0] * c) + np.sort(-u[1] * s), np.sort(u[0] * s) + np.sort(u[1] * c)]
+        boxes.append(([one[0] for one in both], [one[1] for one in both]))
+    return boxes
 
 
 def wrapped(angle):

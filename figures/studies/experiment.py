@@ -60,7 +60,7 @@ FRICTION, VISCOUS, ROTOR = 0.02, 0.01, 5e-4  # of each joint: N m, N m s/rad, kg
 COUNTS = 4096  # of an encoder, in a turn
 INERTIA = MASS * (LENGTHS[0] ** 2 / 3 + (LENGTHS[0] + LENGTHS[1] / 2) ** 2 + LENGTHS[1] ** 2 / 12)  # stretched, kg m^2
 REST = 12  # the input 0, which is held before the first answer
-SENSING = Sensing(error=[0.0, 0.0, 0.004, 0.004], delay=0.01, rest=REST)  # rad and m, s
+SENSING = Sensing(error=[0.0, 0.0, 0.004, 0.004], delay=0.01, rest=REST, memory=False)  # rad and m, s
 CELLS = (126, 126, 72, 72)  # asked for; aligned with the lengths of the problem they become 126, 126, 90, 90
 FEWER = (84, 84, 36, 36)  # 63, 63, 45, 45: a fifth of the time
 ROUNDED = 5e-4  # rad: errors are rounded up to a multiple of it, so that versions of MuJoCo agree on the problem

@@ -79,11 +79,16 @@ class Shaky:
 
 ROBOTS = {
     "arm, pursuer": Shaky(
-        arm, sdhj.Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004), (210, 210, 36, 36), ((0, 1, 2), (0, 1, 3))
+        arm,
+        sdhj.Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004, memory=False),
+        (210, 210, 36, 36),
+        ((0, 1, 2), (0, 1, 3)),
     ),
-    "double integrator": Shaky(lambda: point(1), sdhj.Sensing(0.01, 0.05, 0.01), (240, 240), ((0, 1),)),
-    "car": Shaky(car, sdhj.Sensing(0.005, 0.02, 0.005), (80, 80, 76), ((0, 2), (1, 2))),
-    "point in the plane": Shaky(lambda: point(2), sdhj.Sensing(0.01, 0.02, 0.005), (40, 40, 40, 40), ((0, 2), (1, 3))),
+    "double integrator": Shaky(lambda: point(1), sdhj.Sensing(0.01, 0.05, 0.01, memory=False), (240, 240), ((0, 1),)),
+    "car": Shaky(car, sdhj.Sensing(0.005, 0.02, 0.005, memory=False), (80, 80, 76), ((0, 2), (1, 2))),
+    "point in the plane": Shaky(
+        lambda: point(2), sdhj.Sensing(0.01, 0.02, 0.005, memory=False), (40, 40, 40, 40), ((0, 2), (1, 3))
+    ),
 }
 
 

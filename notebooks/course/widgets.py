@@ -36,7 +36,8 @@ from sdhj.table.batches import Table
 
 DPI = 115
 WIDE = (8.2, 3.5)
-FRAMES = 20  # of a control at most, on a page without a kernel
+FRAMES = 21  # of a control at most, on a page without a kernel
+TALLEST = 16_383  # pixels of a WebP picture, which holds them one below the other
 VIEW = "application/vnd.jupyter.widget-view+json"
 Numbers = Mapping[str, float | str]
 Draw = Callable[..., Numbers | None]
@@ -86,7 +87,7 @@ def _first_line(draw: Draw) -> str:
 
 
 def _told(numbers: Numbers) -> str:
-    return "; ".join(f"{name}: {_number(value)}" for name, value in numbers.items())
+    return "; ".join(f"{name.replace('$', '')}: {_number(value)}" for name, value in numbers.items())
 
 
 def _number(value: float | str) -> str:
@@ -266,10 +267,10 @@ class Explorer:
         """
         name = name or self.motion
         control, picture = self.controls[name], self._picture
-        first = control.value
+        first, most = control.value, min(FRAMES, TALLEST // PIL.Image.open(io.BytesIO(self.png)).height)
         self._picture = None
         try:
-            for value in places(control, self.named if name == self.motion else ()):
+            for value in places(control, self.named if name == self.motion else (), most):
                 self.set(**{name: value})
                 if not self.error:
                     yield _number(value), self.png, _told(self.numbers)
@@ -347,19 +348,19 @@ def write_strip(path: Path, pngs: Sequence[bytes]) -> tuple[int, int]:
     strip = PIL.Image.new("RGB", (width, height * len(pictures)))
     for place, picture in enumerate(pictures):
         strip.paste(picture, (0, place * height))
-    few = strip.quantize(64, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
+    few = strip.quantize(48, dither=PIL.Image.Dither.NONE).convert("RGB")  # drawings: a third smaller, and as sharp
     few.save(path, lossless=True, quality=80)
     return width, height
 
 
-def places(control: Any, named: Sequence[float] = ()) -> list[Any]:
-    """At most FRAMES values of a slider: both ends, the value that it has, what is named, and others evenly between."""
+def places(control: Any, named: Sequence[float] = (), most: int = FRAMES) -> list[Any]:
+    """Most values of a slider, or all: both ends, the value that it has, what is named, and others evenly between."""
     kind, step = type(control.value), getattr(control, "step", 1)
-    last, at = round((control.max - control.min) / step), round((control.value - control.min) / step)
-    wanted = {0, last, at, *(round((value - control.min) / step) for value in named)}
-    stride = 1
-    while len(chosen := wanted | set(range(at % stride, last + 1, stride))) > FRAMES:
-        stride += 1
+    last = round((control.max - control.min) / step)
+    wanted = {round((value - control.min) / step) for value in (control.value, *named)}
+    even = min(most, last + 1)
+    while len(chosen := wanted | set(np.rint(np.linspace(0, last, even)).astype(int).tolist())) > most:
+        even -= 1
     return [min(control.min + kind(place * step), control.max) for place in sorted(chosen)]
 
 
@@ -392,7 +393,7 @@ LOOK = {"style": LABEL, "layout": ipywidgets.Layout(width="36em")}
 def slider(label: str, low: float, high: float, step: float, value: float, *, live: bool = True) -> Any:
     """A slider; with live=False it acts only where it is let go."""
     kind = ipywidgets.IntSlider if all(isinstance(v, int) for v in (low, high, step, value)) else ipywidgets.FloatSlider
-    shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f"}
+    shown = {} if kind is ipywidgets.IntSlider else {"readout_format": ".2f" if step >= 0.01 else ".3f"}
     return kind(value, min=low, max=high, step=step, description=label, continuous_update=live, **shown, **LOOK)
 
 

@@ -125,7 +125,8 @@ def arm_case_study(
     pursuer_radius, pursuer_box : float
         The pursuer's radius, and half the side of the square that its centre stays in, m.
     target : Disk
-        The end-effector has to be in this disk at a sampling time.
+        The end-effector has to be in this disk at a sampling time. With `Disk`, `Still`, `Line` and `Circle` from
+        `sdhj.arm.workspace`: `Disk(Line((0.05, 0.2), (0.1, -0.05)), 0.06)`, from where, how fast, radius; m, s, rad.
     obstacles : sequence of Disk
         What neither link may touch.
 
@@ -173,14 +174,37 @@ def evader_case_study(
     no state is in the target for every position of the evader along a dropped axis. On its four axes "hji" takes
     seconds, too; projections save much from five axes on.
 
-    All other parameters, and the errors raised, are those of `arm_case_study`.
-
     Parameters
     ----------
+    nodes : int or sequence of 4 int
+        Grid nodes on each of the axes q1, q2 (periodic, [-pi, pi)) and px, py.
+    steps : int
+        N, the number of sampling intervals.
+    view_time : {"swept", "sampled", "instantaneous"}
+        How the moving obstacles are treated within an interval; see `ReachAvoidProblem`.
+    kinematics : {"relative", "printed"}
+        The textbook arm, with q2 measured from the first link, or Eq. (8) exactly as printed.
+    delta : float
+        Sampling interval, s.
+    lengths, half_width : (float, float), float
+        The lengths of the two links, and half their thickness, m.
+    u_max, v_d_max : float
+        Bounds of each component of the input and of the disturbance, rad/s.
+    input_levels : int
+        Samples of each input component; their square is the number of inputs.
     v_e_max : float
         Bound of each component of the evader's velocity, m/s.
     evader_radius, evader_box : float
         The evader's radius, and half the side of the square that its centre stays in, m.
+    obstacles : sequence of sdhj.arm.workspace.Disk
+        What neither link may touch; as for `arm_case_study`.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid; the message names it.
+    MemoryError
+        If there is not enough memory for that many nodes.
 
     Examples
     --------

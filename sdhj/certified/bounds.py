@@ -133,6 +133,35 @@ class Bounds:
             out.ravel()[at] = self._halved(axes, function, *ends, times, halvings, most)
         return out
 
+    def inside(
+        self,
+        part: TargetSet | UnsafeSet,
+        low: FloatArray,
+        high: FloatArray,
+        times: tuple[float, float],
+        halvings: int,
+        most: int,
+    ) -> FloatArray:
+        """Whether a level set is <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
+
+        Boxes for which that is open are cut in two along each axis, so often at most, and into so many pieces at most.
+        """
+        out, box = np.ones(len(low), np.bool_), np.arange(len(low))
+        for turn in range(halvings + 1 if len(low) else 0):
+            middle = (low + high) / 2
+            out[box[self.level(part, middle, middle, *times)[0] > 0.0]] = False  # at once, without cutting
+            left = np.flatnonzero(out[box] & (self.level(part, low, high, *times)[1] > 0.0))  # obligation 9.12
+            box, low, high, middle = box[left], low[left], high[left], middle[left]
+            if turn == halvings or not left.size or left.size << low.shape[1] > most:
+                break
+            for axis in range(low.shape[1]):
+                beyond, short = low.copy(), high.copy()
+                beyond[:, axis] = short[:, axis] = middle[:, axis]
+                low, high = np.concatenate([low, beyond]), np.concatenate([short, high])  # obligation 9.13
+                box, middle = np.tile(box, 2), np.concatenate([middle, middle])
+        out[box] = False  # obligation 9.14
+        return out
+
     def _halved(
         self,
         axes: Sequence[int],

@@ -13,6 +13,11 @@ Where a coordinate is held at a wall, as the speed of a car that cannot go back,
 the states at the wall itself. Who brakes from the lowest cell ends there, and from there moves nothing; in the lowest
 cell, which reaches up to its whole width, it would count as moving on for ever. An image is a layer's only where all of
 it is held at the wall.
+
+Where measurements err nobody sees that a state is at a wall, but a controller that remembers may know it: all that its
+point can have led to is held there. For it the state of a layer is at the wall, and errs along the other axes alone. A
+point is in a layer only if it says so, by lying half a shell behind the wall; a measurement, clipped to the grid, never
+does (`Cells.told`).
 """
 
 import math
@@ -196,13 +201,20 @@ def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0
     return CellAxis(exact(lower), extent, width, periodic, layers)
 
 
+def sees_walls(problem: ReachAvoidProblem) -> bool:
+    """Whether a controller sees that a state is at a wall: nothing that it measures is off."""
+    return not (np.any(problem.sensing.error) or problem.sensing.delay)
+
+
 def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     """How many layers there are at the ends of an axis: one at each wall where a velocity depends on the coordinate.
 
-    None where measurements err: then nobody knows whether a state is at the wall.
+    None where measurements err and nobody remembers: then it is not known whether a state is at the wall.
     """
-    grid, sensing = problem.grid, problem.sensing
-    known = not (np.any(sensing.error) or sensing.delay) and problem.dynamics.reads[:, axis].any()
+    grid, known = (
+        problem.grid,
+        (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any(),
+    )
     # obligation 1.3
     lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
     return lower, upper
@@ -227,8 +239,8 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
     return axis_of(grid, axis, Fraction(width), (lower, upper))
 
 
-def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
-    """Cells as arrays for compiled code; the first `rows` axes number the blocks.
+def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
+    """Cells as arrays for compiled code; the first `rows` axes number the blocks. told: see `Cells`.
 
     A layer is a cell like any other there, outside the wall: states at the wall are on its border.
     """
@@ -240,13 +252,14 @@ def cells_of(axes: Sequence[CellAxis], rows: int) -> Cells:
         counts=np.array([axis.count for axis in axes], dtype=np.int64),
         periodic=np.array([axis.periodic for axis in axes]),
         rows=rows,
+        told=told,
     )
 
 
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on input and disturbance only, and how far it moves is known."""
     dynamics = problem.dynamics
-    known = not problem.sensing or problem.sensing.memory  # what a prediction may be off by does not add up
+    known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
         bool(dynamics.formulas) and known and not (dynamics.reads[axis].any() or dynamics.timed)
     )
@@ -279,7 +292,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
     From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on.
     """
-    (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.memory
+    (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
     late = 2 * measured(problem.sensing.jitter)
     spans = measured(problem.delta) - late, measured(problem.delta) + late  # obligation 10.8

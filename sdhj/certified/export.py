@@ -3,6 +3,10 @@
 The file: a head of 560 bytes, then one behind the other, each from a multiple of 8 on, the words, the inputs, their
 order from the braking one on, for each block of cells the number of its body, where bodies begin, the bodies, and
 states with their answers to test a reader. `sdhj.h` says what each number is; it and this file change together.
+
+For a controller that remembers (`Sensing.memory`) the images stand behind the bodies, and the file is of version 2: of
+each axis, for each input and each cell of the axes that these images depend on, from the cell's own number on the first
+and the last cell that it leads to, four bytes (`images_of`). Other files are of version 1, byte for byte as before.
 """
 
 import ctypes
@@ -62,7 +66,9 @@ def export_c(
     Parameters
     ----------
     table : CertifiedTable
-        Of a problem without delay; measurements may err.
+        Of a problem without delay; measurements may err. If it is for a controller that remembers, the file gains 4
+        bytes an axis, an input and a cell of the axes that images depend on: 16 kB of 400 x 400 cells and 5 inputs
+        whose speed alone counts. The loop is then `sdhj_step`, or `Exported.loop`.
     folder : path
         It is made where it does not exist; files of an earlier export are replaced.
     rule : {"deepest", "effort", "target", "clearance", "small"}, optional
@@ -121,10 +127,6 @@ def _check_sensing(sensing: Sensing) -> None:
     """Raise ValueError where the answers of a table need more than its words."""
     if sensing.delay:
         raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
-    if sensing.memory:
-        raise ValueError(
-            "a table for a controller that remembers is not exported, as the file has no images: use memory=False"
-        )
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
@@ -305,6 +307,7 @@ def file_of(
     bodies = b"".join(packer.bodies) + bytes(2)
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
     at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
+    leads, reads, images = images_of(table) if problem.sensing.remembers else (0, [0] * ndim, [])
     parts = (
         packer.known[: packer.used].tobytes(),
         inputs.astype("<f8").tobytes(),
@@ -312,6 +315,7 @@ def file_of(
         index.tobytes(),
         starts.view(np.uint8).reshape(-1, 4)[:, :at_bytes].tobytes(),
         bodies,
+        b"".join(one.tobytes() for one in images),
         tests.tobytes(),
     )
     if sum(map(len, parts)) + 1024 >= 1 << 32:
@@ -320,20 +324,43 @@ def file_of(
     flags = sum(1 << FIELDS.index(one) for one in fields)
     each = 1 if problem.time_invariant else table.steps + 1
     numbers = (ndim, *inputs.shape, table.steps, each, flags, brake, packer.known.shape[1], packer.used)
-    numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes)
+    numbers += (_bytes_for(packer.used), index_bytes, len(packer.bodies), len(bodies), len(tests), at_bytes, leads)
     safe = ([1, 2] @ grid.ends_where("frees")).tolist()
     layers = table.cells.layers.T @ [2, 4]  # a reader that does not know them refuses the file
-    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers, safe)
+    whole_numbers = (table.shape, sides.tolist(), grid.periodic + layers + 256 * np.array(reads), safe)
     error = np.broadcast_to(np.array(problem.sensing.error, dtype=np.float64), (ndim,))
     reals = (table.cells.lower, table.cells.width, table.cells.length, error, grid.upper, table.proof.shell)
     tail = b"".join(struct.pack("<6I", *map(int, one), *[0] * (6 - ndim)) for one in whole_numbers)
     tail += b"".join(struct.pack("<6d", *map(float, one), *[0.0] * (6 - ndim)) for one in reals)
     tail += struct.pack("<2d", problem.delta, 0.0)
     digest = hashlib.sha256(tail + body).digest()
-    head = b"sdhjcell" + struct.pack("<I", 1)
+    head = b"sdhjcell" + struct.pack("<I", 2 if images else 1)
     rest = struct.pack(f"<{1 + len(numbers)}I", 560 + len(body), *numbers).ljust(80, b"\0")
     rest += bytes.fromhex(problem.digest)[:32].ljust(32, b"\0") + digest + tail + body
     return head + struct.pack("<I", zlib.crc32(head + rest)) + rest
+
+
+# ---- images, for a controller that remembers
+
+
+def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
+    """What cells lead to: for how many steps it differs, and of each axis which axes it depends on, as bits, and it.
+
+    Each is (steps, L, places, 2) int16: the first and the last cell, less the cell's own number.
+    """
+    problem = table.problem
+    starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
+    for axis, reads in enumerate(table.proof.depends):
+        cells = (
+            np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
+        )  # the first on the others
+        own = np.empty((starts, len(problem.inputs), len(cells), 2), "<i2")
+        for step, j in np.ndindex(own.shape[:2]):
+            first, last = table.proof.image(cells, np.full(len(cells), j), step)
+            own[step, j] = np.stack([first, last], axis=1)[:, :, axis] - cells[:, None, axis]
+        masks.append(int(reads @ (1 << np.arange(len(reads)))))
+        images.append(own)
+    return starts, masks, images
 
 
 # ---- states with their answers
@@ -394,6 +421,11 @@ def told(
                 struct.pack("<BI", 0, j) for j in [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
             )
         out.append(said)
+    if problem.sensing.remembers and left:
+        rows, *ends = table.led(states, wanted, step)
+        for m, first, last in zip(rows.tolist(), *ends, strict=True):
+            each = [one & 0xFFFFFFFF for pair in zip(first.tolist(), last.tolist(), strict=True) for one in pair]
+            out[m] += b"" if where[m] else b"".join(struct.pack("<BI", 0, one) for one in each)
     return out
 
 
@@ -442,8 +474,9 @@ def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: s
         f"#define SDHJ_ROBOT_COMPONENTS {inputs.shape[1]} /* of an input */",
         f"#define SDHJ_ROBOT_MASK_BYTES {-(-len(inputs) // 8)} /* of inputs as bits */",
         f"#define SDHJ_ROBOT_STEPS {table.steps}",
-        f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may go on without "
-        f"end */#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
+        f"#define SDHJ_ROBOT_TIMELESS {int(problem.time_invariant)} /* 1: steps are ignored, a loop may have no end */",
+        f"#define SDHJ_ROBOT_BRAKE {brake} /* the input to apply where nothing is proved */",
+        f"#define SDHJ_ROBOT_REMEMBERS {int(problem.sensing.remembers)} /* 1: the loop is sdhj_step, with a memory */",
         f"#define SDHJ_ROBOT_BYTES {len(data)}u /* of the file */",
         *(f"#define SDHJ_ROBOT_CELLS_{axis} {count} /* of {axes[axis]} */" for axis, count in enumerate(table.shape)),
         "",
@@ -482,6 +515,22 @@ void x_ask(const void *table, int what, uint32_t step, const double *states, siz
     if (what == 4) status[i] = sdhj_filter_command(t, step, q, commands + i * t->components, value + i);
     if (what == 5) status[i] = sdhj_safe_inputs(t, step, q, bits);
     if (what == 6) status[i] = sdhj_clear_inputs(t, step, q, bits);
+  }
+}
+"""
+LOOP = """
+size_t x_memory(void) { return sizeof(sdhj_memory); }
+void x_step(const void *table, void *memories, uint32_t step, const double *measurements, size_t count,
+            const uint32_t *wanted, int32_t *status, uint32_t *value, double *points, uint8_t *missed) {
+  const sdhj_table *t = (const sdhj_table *)table;
+  sdhj_memory *memory = (sdhj_memory *)memories;
+  size_t i;
+  for (i = 0; i < count; i++) {
+    const double *q = measurements + i * t->axes;
+    if (wanted == NULL) status[i] = sdhj_step(t, memory + i, step, q, value + i);
+    else status[i] = sdhj_step_filter(t, memory + i, step, q, wanted[i], value + i);
+    memcpy(points + i * t->axes, memory[i].point, t->axes * sizeof(double));
+    missed[i] = (uint8_t)memory[i].missed;
   }
 }
 """
@@ -533,6 +582,12 @@ class Exported:
             raise AttributeError(name)
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
 
+    def loop(self, count: int) -> "Loop":
+        """The control loops of `count` robots, of a table for a controller that remembers; ValueError of another."""
+        if not self.table.problem.sensing.remembers:
+            raise ValueError("only tables solved with Sensing(..., memory=True) have a loop; ask select and filter")
+        return Loop(self, count)
+
     def selftest(self) -> int:
         """How many of the states that are kept in the file the C answers otherwise than Python did."""
         library, opened = self._opened
@@ -547,16 +602,44 @@ class Exported:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
         with TemporaryDirectory() as folder:
             source, library = Path(folder, "calls.c"), Path(folder, "calls.so")
-            source.write_text(CALLS)
+            source.write_text(CALLS + LOOP)
             command = [compiler, *FLAGS, f"-I{self.folder}", str(source), "-o", str(library)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise OSError(f"{compiler} cannot compile sdhj.h: {done.stderr[:500]}")
             loaded: Any = ctypes.CDLL(str(library))
-        loaded.x_size.restype = ctypes.c_size_t
+        loaded.x_size.restype = loaded.x_memory.restype = ctypes.c_size_t
         opened = ctypes.create_string_buffer(loaded.x_size())
         kept = ctypes.create_string_buffer(self.data, len(self.data))
         if loaded.x_open(opened, kept, ctypes.c_size_t(len(self.data)), self.data[128:160]) != 0:
             raise ValueError(f"sdhj_open refuses {self.folder / 'sdhj_table.bin'}: export it anew")
         self._kept = kept  # the table points into it
         return loaded, opened
+
+
+class Loop:
+    """The control loops of M robots in C, each of which remembers (`sdhj_step`); made by `Exported.loop`."""
+
+    def __init__(self, exported: Exported, count: int) -> None:
+        """Begin the loops of `count` robots."""
+        self.exported, self.count = exported, count
+        self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
+
+    def step(self, measurements: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, ...]:
+        """Answer measurements (M, ndim), by `sdhj_step_filter` where inputs (M,) are wanted.
+
+        Returns status, inputs, points (M, ndim) that are carried on, and whether an assumption broke: each (M, ...).
+        """
+        given = np.ascontiguousarray(measurements, np.float64)
+        if given.shape != (self.count, self.exported.table.grid.ndim):
+            raise ValueError(f"measurements must have shape {(self.count, self.exported.table.grid.ndim)}")
+        status, value, missed = np.empty(self.count, np.int32), np.empty(self.count, np.uint32), given[:, 0] > np.inf
+        points = np.empty_like(given)
+        asked = None if wanted is None else np.ascontiguousarray(wanted, np.uint32)
+        library, opened = self.exported._opened
+        arrays = [ctypes.c_void_p(one.ctypes.data) for one in (self.memories, given, status, value, points, missed)]
+        pointer = None if asked is None else ctypes.c_void_p(asked.ctypes.data)
+        library.x_step(
+            opened, arrays[0], ctypes.c_uint32(step), arrays[1], ctypes.c_size_t(self.count), pointer, *arrays[2:]
+        )
+        return status, value.astype(np.int64), points, missed

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
+from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
@@ -23,7 +24,15 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
 from sdhj.kernels.packed import to_words
-from sdhj.kernels.stencils import Boxes, Placed, certified_inputs, inputs_in_lines, mark_collisions, mark_exits
+from sdhj.kernels.stencils import (
+    Boxes,
+    Placed,
+    add_marked,
+    certified_inputs,
+    inputs_in_lines,
+    mark_collisions,
+    mark_exits,
+)
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -102,7 +111,8 @@ def peak(
         for part in known_sets(problem)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    needed += most_bytes(problem, axes, place_axes(problem, axes))
+    own = place_axes(problem, axes)
+    needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
@@ -114,9 +124,15 @@ class GeneralProof(Images):
     ----------
     clear : (starts, cells, bytes) uint8
         Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell; starts is 1 where nothing depends on time.
+    sites : (ndim,) int64
+        A cell is at the site sum(cell * sites).
+    arrives : (starts, sites, bytes) uint8
+        Likewise: u_j leads all of a cell there into the target itself (`sdhj.certified.arrivals`).
     """
 
     clear: FloatArray
+    sites: FloatArray
+    arrives: FloatArray
     _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
 
@@ -128,11 +144,12 @@ class GeneralProof(Images):
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
         """Make room; `prepare` fills it."""
-        size = math.prod(axis.count for axis in axes)
-        strides, moves, clear = shapes(problem, axes, place_axes(problem, axes))
+        size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
+        (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
         require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
-        return cls(problem, axes, parts, strides, low, high, np.full(clear, 255, np.uint8))
+        marks = np.full(clear, 255, np.uint8), sites, np.zeros(arrives, np.uint8)
+        return cls(problem, axes, parts, strides, low, high, *marks)
 
     @property
     def nbytes(self) -> int:
@@ -164,20 +181,29 @@ class GeneralProof(Images):
         if len(sets) and lines and self.along >= 0:
             certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets[:0], pool, out)
             inputs_in_lines(some, ahead, self.cells, self.moves(step), self.along, sets, pool, out)
-            return out
-        certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
+        else:
+            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
+        if len(sets) and len(self.arrives):
+            numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
+            # obligation 9.16
+            bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
+            rows = np.flatnonzero(bits.any(axis=1) & (ahead > 0))
+            every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)
+            out[rows] |= every & among[rows]
         return out
 
     @property
     def stated(self) -> dict[str, Any]:
         """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and halo."""
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
+        told |= {"arrives": True} if len(self.arrives) else {}
         lines = self.lines
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
-        """Write the moves, and the inputs that are clear."""
-        arrays = {name: getattr(self, name) for name in ("low", "high", "clear")}
+        """Write the moves, and the inputs that are clear or arrive."""
+        names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
+        arrays = {name: getattr(self, name) for name in names}
         for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
             file.create_dataset(name, data=data, compression="gzip", shuffle=True)
 
@@ -188,10 +214,14 @@ class GeneralProof(Images):
         """Read what `save` and `stated` wrote; ValueError where it does not fit the problem."""
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
-        strides, moves, clear = shapes(problem, axes, np.array(stated["own"], np.bool_))
+        own = np.array(stated["own"], np.bool_)
+        (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
         arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        proof = cls(problem, axes, parts, strides, *read_only((*arrays, stored(file, "clear", "uint8", clear))))
+        marks = stored(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
+        if stated.get("arrives"):
+            marks = *marks[:2], stored(file, "arrives", "uint8", arrives)
+        proof = cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
         if "normals" in stated:
             proof._drawn.append(lines_in_file(stated, file, proof))
         return proof
@@ -223,18 +253,20 @@ class GeneralProof(Images):
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> None:
-        """Fill moves and clear: where every input takes every place, where it is safe from."""
+        """Fill moves, clear and arrives: where each input takes each place, from where it is safe and arrives."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
+        arrivals = Arrivals(self)
 
-        def use(start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
-            """Of places and their tubes what the recursion asks for."""
+        def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
+            """Of places, their tubes and their images what the recursion asks for."""
             mark(start, j, some, tubes)
             drawing.add(start, j, some, tubes)
+            arrivals.add(start, j, some, last)
 
         self.fill(min(max(finest, 1), FINEST), progress, use)
         self._drawn.append(drawing.lines)
-        read_only((self.low, self.high, self.clear))
+        read_only((self.low, self.high, self.clear, self.sites, self.arrives))
 
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
@@ -346,3 +378,9 @@ class GeneralProof(Images):
         """
         clear = self.clear[min(step, len(self.clear) - 1)]
         self.add_predecessors(cells, following, step, changed, clear, 1)
+
+    def add_arriving(self, cells: FloatArray, step: int) -> None:
+        """Add to S_k^1 the cells that a clear input leads into the target itself. In place."""
+        if len(self.arrives):
+            arrives, clear = (marks[min(step, len(marks) - 1)] for marks in (self.arrives, self.clear))
+            add_marked(cells, clear, arrives, self.sites, self.cells.counts)

@@ -32,7 +32,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.bounds import Bounds
-from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, unknown
+from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, sees_walls, unknown
 from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
@@ -131,6 +131,9 @@ class Proof:
         """Which of the cells (M, ndim) of the box `image` are in the image of a cell under u_j, (M,) bool: all."""
         return np.ones(len(cells), np.bool_)
 
+    def add_arriving(self, cells: FloatArray, step: int) -> None:
+        """Add to S_k^1 the cells that an input leads into the target itself, if a proof knows of such. In place."""
+
     @property
     def rows(self) -> int:
         """Leading axes that number the blocks of the packed sets: all but the last."""
@@ -149,7 +152,7 @@ class Proof:
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code."""
-        return cells_of(self.axes, self.rows)
+        return cells_of(self.axes, self.rows, not sees_walls(self.problem))
 
     @kept
     def shell(self) -> FloatArray:
@@ -238,6 +241,12 @@ class Images(Proof):
         """Whether an axis has layers."""
         return any(any(axis.layers) for axis in self.axes)
 
+    @kept
+    def layers(self) -> FloatArray:
+        """Where layers are, (2, ndim); infinite where there are none."""
+        edges = np.array([axis.edges()[[0, -1]] for axis in self.axes]).T
+        return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
+
     @property
     def _always(self) -> tuple[float, float]:
         """From the first to the last time, s."""
@@ -286,6 +295,18 @@ class Images(Proof):
         first, last = moves.lines[j, place, number].T
         return np.asarray((cell[-1] + first <= cells[:, -1]) & (cells[:, -1] <= cell[-1] + last))
 
+    @kept
+    def depends(self) -> FloatArray:
+        """Which axes the image along each axis depends on, cells of one place apart: bool (ndim, ndim)."""
+        ndim, own = len(self.axes), self.strides > 0
+        moves = np.stack([self.low, self.high], axis=-1).reshape(
+            *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
+        )
+        out = np.zeros((ndim, ndim), np.bool_)
+        for k in np.flatnonzero(own).tolist():
+            out[:, k] = (moves != moves.take([0], 2 + k)).any(axis=(*range(2 + ndim), ndim + 3))
+        return out
+
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
         moves, places = self.moves(step), self.places(some)
@@ -321,8 +342,13 @@ class Images(Proof):
         margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"  # obligation 3.6
         return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
-    def fill(self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray], None]) -> None:
-        """Fill the moves, and give `use` the start, the input, places and their tubes; so many pieces a part."""
+    def fill(
+        self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]
+    ) -> None:
+        """Fill the moves, and give `use` the start, the input, places, their tubes and where these end (M, ndim, 2).
+
+        So many pieces a part.
+        """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
@@ -339,7 +365,7 @@ class Images(Proof):
                 found = pool.map(moved, *zip(*some, strict=True))
                 for (start, j, _), (places, (tubes, last)) in zip(some, found, strict=True):
                     self.low[start, j, places], self.high[start, j, places] = self.in_cells(places, last)
-                    use(start, j, places, tubes)
+                    use(start, j, places, tubes, last)
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
@@ -368,8 +394,8 @@ class Images(Proof):
         carried along a cell begins as a point and the velocity is bounded wherever it may be.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
-        # obligation 2.6
-        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + SIDES * self.prediction_error)
+        off = SIDES * self._off(start)
+        tubes, moved = np.empty((many, self.parts, ndim, 2)), self._held(start, before + off)  # obligation 2.6
         length, early = self.problem.sensing.hold(self.problem.delta)  # obligation 2.10
         ends, soonest = [], length - early  # where they are from the earliest end of the interval on
         for part in range(self.parts):
@@ -389,14 +415,32 @@ class Images(Proof):
         ends.append(moved)
         last = np.stack([np.min([end[0] for end in ends], axis=0), np.max([end[1] for end in ends], axis=0)])
         # obligation 2.7
-        last = self._clipped(start, last) if self.problem.sensing.memory else last + SIDES * self.prediction_error
+        last = self._clipped(start, last) if self.problem.sensing.remembers else last + SIDES * self.prediction_error
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
+    def _off(self, start: FloatArray) -> FloatArray:
+        """E of boxes (2, M, ndim), by which the state of who is there may be off: (M, ndim). Not along a layer."""
+        if not self.problem.sensing.remembers:
+            return np.broadcast_to(self.prediction_error, start.shape[1:])
+        # obligation 2.60
+        in_layer = (start[1] <= self.layers[0] + self.shell) | (start[0] >= self.layers[1] - self.shell)
+        return np.where(in_layer, 0.0, self.prediction_error)
+
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
-        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing."""
-        last = last - SIDES * self.prediction_error  # obligation 2.8
-        low, high = start + last
-        return np.where((low > high) & (self.strides > 0), (low + high) / 2 - start, last)  # obligation 2.9
+        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing.
+
+        All of what is held at a wall as a whole, which is known there; and nothing else comes as near to it as a layer.
+        """
+        (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
+        held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
+        less = last - SIDES * self.prediction_error  # obligation 2.8
+        low, high = start + less
+        middle = (low + high) / 2 - start
+        less = np.where((low > high) & (self.strides > 0), middle, less)  # obligation 2.9
+        beside = self.shell + 2 * drift
+        less[1] = np.maximum(less[1], walls[0] + beside - start[1])  # obligation 2.61
+        less[0] = np.minimum(less[0], walls[1] - beside - start[0])  # obligation 2.62
+        return np.where(held, last, less)
 
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]

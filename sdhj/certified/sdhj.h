@@ -13,6 +13,12 @@
  * Where nothing depends on time, steps are ignored and a loop may go on without end. A state within 1e-10 of a cell
  * (of the axis's largest coordinate) counts as in it, as in the proof. Controllers without floating point define SDHJ_NO_FLOAT and ask by the cell
  * (`sdhj_cell`, then functions whose names end in _at). No function changes the table: threads may share it.
+ *
+ * A table for a controller that remembers (SDHJ_ROBOT_REMEMBERS) is asked by a loop, once for each measurement:
+ *   sdhj_memory memory = {0};                                            anew for each loop, and after a missed deadline
+ *   status = sdhj_step(&table, &memory, step, measurement, &input);
+ * or by its parts: `sdhj_remember`, a function that ends in _at, and `sdhj_applied` with whatever input was applied. What
+ * is asked with measurements alone, as above, is proved for one interval and promises nothing beyond it.
  */
 #ifndef SDHJ_H
 #define SDHJ_H
@@ -22,6 +28,7 @@
 #include <string.h>
 
 #define SDHJ_VERSION 1u   /* of the file */
+#define SDHJ_REMEMBERS 2u /* of a file that has images, too, for a controller that remembers */
 #define SDHJ_AXES 6u      /* at most */
 #define SDHJ_HEAD 560u    /* bytes of the file before the words */
 #define SDHJ_NO_INPUT 65535u  /* in a word: no input is proved */
@@ -45,11 +52,14 @@ enum { SDHJ_STEPS = 1, SDHJ_SELECT = 2, SDHJ_SAFE = 4, SDHJ_FILTER = 8, SDHJ_CLE
 
 /* An open table: numbers of its file, and where its parts begin. Read it, do not write it. */
 typedef struct {
-  const uint8_t *words, *inputs, *order, *index, *directory, *bodies, *tests;
+  const uint8_t *words, *inputs, *order, *index, *directory, *bodies, *images, *tests;
   uint32_t axes, count_of_inputs, components, steps, starts, fields, brake, mask; /* mask: bytes */
   uint32_t word_bytes, number_of_words, id_bytes, index_bytes, at_bytes, blocks, number_of_bodies, number_of_tests;
   uint32_t count[6], side[6], grid[6]; /* cells, of a block, blocks */
   uint32_t periodic[6], layers[6], safe_ends[6];  /* bits of the last two: lower end 1, upper end 2 */
+  int told;       /* measurements err, and a layer is for points that are known to be at a wall */
+  uint32_t leads; /* steps whose images differ, 0 where there are none */
+  uint32_t reads[6], begins[6]; /* axes that an image along one depends on, as bits; where those of an axis begin */
 #ifndef SDHJ_NO_FLOAT
   double lower[6], width[6], length[6], error[6], upper[6], slack[6], delta;
 #endif
@@ -138,21 +148,40 @@ static inline int sdhj_next(const sdhj_table *t, const sdhj_place *place, uint32
 
 /* ---- opening a table */
 
+/* Bytes of the images: of each axis, for each step that has its own, input and cells of the axes that it depends on, from
+ * the cell's own number on the first and the last cell that it leads to, two numbers of 16 bits. 2^32 is too many. */
+static inline uint64_t sdhj_bytes_of_images(sdhj_table *t) {
+  uint64_t all = 0, some;
+  uint32_t axis, k;
+  for (axis = 0; axis < t->axes; axis++) {
+    t->begins[axis] = (uint32_t)all;
+    some = (uint64_t)t->leads * t->count_of_inputs;
+    for (k = 0; k < t->axes; k++) {
+      if (some > UINT32_MAX) return (uint64_t)UINT32_MAX + 1u;
+      if (t->reads[axis] >> k & 1u) some *= t->count[k];
+    }
+    all += some;
+    if (all > UINT32_MAX / 4u) return (uint64_t)UINT32_MAX + 1u;
+  }
+  return 4u * all;
+}
+
 /* The parts of a file, one behind the other: writes where they begin; 0 where they do not make up its bytes. */
 static inline int sdhj_parts(sdhj_table *t, const uint8_t *file, size_t size, uint32_t bytes_of_bodies) {
-  uint64_t at = SDHJ_HEAD, sizes[7];
-  const uint8_t **part[7];
+  uint64_t at = SDHJ_HEAD, sizes[8];
+  const uint8_t **part[8];
   uint32_t i;
   part[0] = &t->words, part[1] = &t->inputs, part[2] = &t->order, part[3] = &t->index;
-  part[4] = &t->directory, part[5] = &t->bodies, part[6] = &t->tests;
+  part[4] = &t->directory, part[5] = &t->bodies, part[6] = &t->images, part[7] = &t->tests;
   sizes[0] = (uint64_t)t->number_of_words * t->word_bytes;
   sizes[1] = (uint64_t)t->count_of_inputs * t->components * 8u;
   sizes[2] = (uint64_t)t->count_of_inputs * 2u;
   sizes[3] = (uint64_t)t->blocks * t->starts * t->index_bytes;
   sizes[4] = (uint64_t)t->number_of_bodies * t->at_bytes;
   sizes[5] = bytes_of_bodies;
-  sizes[6] = (uint64_t)t->number_of_tests * (2u * t->axes + 2u);
-  for (i = 0; i < 7u; i++) {
+  sizes[6] = sdhj_bytes_of_images(t);
+  sizes[7] = (uint64_t)t->number_of_tests * (2u * t->axes + 2u);
+  for (i = 0; i < 8u; i++) {
     *part[i] = file + at;
     at += (sizes[i] + 7u) / 8u * 8u; /* parts begin at multiples of 8 */
     if (sizes[i] > UINT32_MAX || at > size) return 0;
@@ -223,6 +252,7 @@ static inline int sdhj_axes_fit(sdhj_table *t, const uint8_t *file) {
     if (!sdhj_between(t->slack[axis], 0.0, t->length[axis])) return 0;
     if (!sdhj_between(t->lower[axis], -1e300, 1e300) || !sdhj_between(t->upper[axis], t->lower[axis], 1e300)) return 0;
     if (!sdhj_between(t->width[axis], 1e-300, 1e300) || !sdhj_between(t->length[axis], t->width[axis] / 2, 1e300)) return 0;
+    t->told |= t->leads > 0u && t->error[axis] > 0.0;
     if (!sdhj_between(t->error[axis], 0.0, 1e300) || t->width[axis] * t->count[axis] < t->length[axis] * 0.999999) return 0;
   }
   t->delta = sdhj_f64(file + 544);
@@ -237,11 +267,12 @@ static inline int sdhj_axes_fit(sdhj_table *t, const uint8_t *file) {
 static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t size, const uint8_t *digest) {
   const uint8_t *file = (const uint8_t *)bytes;
   uint64_t blocks = 1, cells = 1;
-  uint32_t axis, i, fields = 0, bytes_of_bodies;
+  uint32_t axis, i, fields = 0, bytes_of_bodies, version;
   memset(t, 0, sizeof *t);
   if (bytes == NULL || size < SDHJ_HEAD || size > UINT32_MAX) return SDHJ_BAD_TABLE;
-  if (memcmp(file, "sdhjcell", 8) != 0 || sdhj_u32(file + 8) != SDHJ_VERSION || sdhj_u32(file + 16) != size)
-    return SDHJ_BAD_TABLE;
+  version = sdhj_u32(file + 8);
+  if (memcmp(file, "sdhjcell", 8) != 0 || sdhj_u32(file + 16) != size) return SDHJ_BAD_TABLE;
+  if (version != SDHJ_VERSION && version != SDHJ_REMEMBERS) return SDHJ_BAD_TABLE;
   if ((sdhj_crc(sdhj_crc(0xffffffffu, file, 12), file + 16, size - 16) ^ 0xffffffffu) != sdhj_u32(file + 12))
     return SDHJ_BAD_TABLE;
   if (digest != NULL && memcmp(file + 128, digest, 32) != 0) return SDHJ_BAD_TABLE;
@@ -256,13 +287,16 @@ static inline sdhj_status sdhj_open(sdhj_table *t, const void *bytes, size_t siz
   if (t->fields < 1u || t->fields > 31u || t->id_bytes < 1u || t->id_bytes > 4u) return SDHJ_BAD_TABLE;
   if (t->index_bytes < 1u || t->index_bytes > 4u || t->at_bytes < 1u || t->at_bytes > 4u) return SDHJ_BAD_TABLE;
   if (t->number_of_words < 1u || t->number_of_bodies < 1u) return SDHJ_BAD_TABLE;
+  t->leads = sdhj_u32(file + 80);
+  if (version == SDHJ_VERSION ? t->leads != 0u : t->leads != 1u && t->leads + 1u != t->starts) return SDHJ_BAD_TABLE;
   t->mask = (t->count_of_inputs + 7u) / 8u;
   fields = sdhj_offset(t, SDHJ_CLEAR) + (t->fields & SDHJ_CLEAR ? t->mask : 0u);
   if (t->word_bytes != fields) return SDHJ_BAD_TABLE;
   for (axis = 0; axis < t->axes; axis++) {
     t->count[axis] = sdhj_u32(file + 160 + 4u * axis), t->side[axis] = sdhj_u32(file + 184 + 4u * axis);
     t->periodic[axis] = sdhj_u32(file + 208 + 4u * axis), t->safe_ends[axis] = sdhj_u32(file + 232 + 4u * axis);
-    t->layers[axis] = t->periodic[axis] >> 1, t->periodic[axis] &= 1u;
+    t->reads[axis] = t->periodic[axis] >> 8, t->layers[axis] = t->periodic[axis] >> 1 & 127u, t->periodic[axis] &= 1u;
+    if (t->reads[axis] >> t->axes || (t->reads[axis] && !t->leads)) return SDHJ_BAD_TABLE;
     if (t->count[axis] < 1u || t->count[axis] > 0x7ffffffeu || t->side[axis] < 1u || t->side[axis] > 65536u) return SDHJ_BAD_TABLE;
     if (t->layers[axis] > 3u || (t->periodic[axis] && t->layers[axis]) || t->safe_ends[axis] > 3u) return SDHJ_BAD_TABLE;
     t->grid[axis] = (t->count[axis] - 1u) / t->side[axis] + 1u;
@@ -300,14 +334,13 @@ static inline double sdhj_floor(double value) { /* of less than 1e15 */
 }
 
 static inline double sdhj_clipped(const sdhj_table *t, uint32_t axis, double x) {
-  const double upper = t->upper[axis], lower = t->lower[axis];
+  const double upper = t->upper[axis], lower = t->lower[axis] + (t->layers[axis] & 1u ? t->width[axis] : 0.0);
   return t->periodic[axis] ? x : x < lower ? lower : x > upper ? upper : x;
 }
 
-/* The cells of a state, in the axes' units. Where the problem has a measurement error this is a measurement, which is
- * clipped to the grid first where it is off it by no more than that. */
-static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, sdhj_place *place) {
-  sdhj_status status = SDHJ_OK;
+/* A state as it is looked up. Where the problem has a measurement error this is a measurement, which is clipped to the
+ * grid where it is off it by no more than that. */
+static inline sdhj_status sdhj_seen(const sdhj_table *t, const double *state, double *seen) {
   uint32_t axis;
   int senses = 0, off = 0;
   for (axis = 0; axis < t->axes; axis++) {
@@ -317,8 +350,16 @@ static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, 
     senses |= t->error[axis] > 0.0;
     off |= beside > most || -beside > most;
   }
+  for (axis = 0; axis < t->axes; axis++) seen[axis] = senses && !off ? sdhj_clipped(t, axis, state[axis]) : state[axis];
+  return SDHJ_OK;
+}
+
+/* The cells of a point that is looked up, in the axes' units. */
+static inline sdhj_status sdhj_place_of(const sdhj_table *t, const double *point, sdhj_place *place) {
+  sdhj_status status = SDHJ_OK;
+  uint32_t axis;
   for (axis = 0; axis < t->axes; axis++) {
-    const double x = senses && !off ? sdhj_clipped(t, axis, state[axis]) : state[axis];
+    const double x = point[axis];
     const double length = t->length[axis], slack = t->slack[axis], most = (double)(t->count[axis] - 1u);
     /* a layer is a cell that stands for a wall alone and lies behind it */
     const double begin = t->layers[axis] & 1u ? t->width[axis] : 0.0;
@@ -339,10 +380,27 @@ static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, 
     first = below / t->width[axis], last = above / t->width[axis];
     first = first < 0.0 ? 0.0 : first > most ? most : first;
     last = last < 0.0 ? 0.0 : last > most ? most : last;
+    if (t->told) { /* a layer is for points that say so, behind the wall by half the slack */
+      if (t->layers[axis] & 1u) {
+        if (offset < begin - slack / 4.0) last = 0.0;
+        else first = first < 1.0 ? 1.0 : first, last = last < 1.0 ? 1.0 : last;
+      }
+      if (t->layers[axis] & 2u) {
+        if (offset > end + slack / 4.0) first = most;
+        else first = first > most - 1.0 ? most - 1.0 : first, last = last > most - 1.0 ? most - 1.0 : last;
+      }
+    }
     place->first[axis] = t->periodic[axis] && below < 0.0 ? t->count[axis] - 1u : (uint32_t)first;
     place->last[axis] = t->periodic[axis] && above >= length ? 0u : (uint32_t)last;
   }
   return status;
+}
+
+/* The cells of a state, or of a measurement. */
+static inline sdhj_status sdhj_locate(const sdhj_table *t, const double *state, sdhj_place *place) {
+  double seen[SDHJ_AXES];
+  const sdhj_status status = sdhj_seen(t, state, seen);
+  return status != SDHJ_OK ? status : sdhj_place_of(t, seen, place);
 }
 #endif
 
@@ -384,7 +442,10 @@ static inline sdhj_status sdhj_least_ahead(const sdhj_table *t, uint32_t step, c
   return arrived ? SDHJ_IN_TARGET : *least == UINT32_MAX ? SDHJ_NOT_PROVED : SDHJ_OK;
 }
 
-/* The input that the rule of the export prefers, of those that lead to the target in the fewest steps. */
+/* The input that the rule of the export prefers, of those that lead to the target in the fewest steps.
+ *
+ * With one step to go it leads into the target itself, of which cells need not be whole: whoever has held it for delta is
+ * there, also where the next answer is SDHJ_NOT_PROVED. */
 static inline sdhj_status sdhj_select_at(const sdhj_table *t, uint32_t step, const sdhj_place *place, uint32_t *input) {
   uint32_t cell[SDHJ_AXES], least;
   sdhj_status status;
@@ -535,6 +596,122 @@ static inline sdhj_status sdhj_filter_command(const sdhj_table *t, uint32_t step
   return status != SDHJ_OK ? status : sdhj_filter_at(t, step, &place, 0, command, input);
 }
 
+/* ---- a loop that remembers */
+
+/* What a loop carries from a measurement to the next: where it took the state to be, and between what points it goes on.
+ * All zero before the first, and after a deadline that was missed. */
+typedef struct {
+  double point[6], low[6], high[6];
+  int begun, missed; /* missed: the last measurement was farther off than errors explain, and the loop began anew with it */
+} sdhj_memory;
+
+static inline double sdhj_edge(const sdhj_table *t, uint32_t axis, int64_t number) { /* where a cell begins, over seams too */
+  const int64_t count = (int64_t)t->count[axis];
+  int64_t laps = 0;
+  volatile double turned, at;
+  double edge;
+  if (t->periodic[axis]) laps = number >= 0 ? number / count : -((count - 1 - number) / count), number -= laps * count;
+  turned = (double)laps * t->length[axis];
+  at = (double)number * t->width[axis];
+  edge = t->lower[axis] + turned;
+  edge += at;
+  return sdhj_clipped(t, axis, edge);
+}
+
+static inline double sdhj_behind(const sdhj_table *t, uint32_t axis, int lower) { /* the point of a layer */
+  const double end = t->layers[axis] & 2u ? t->length[axis] - t->width[axis] : t->length[axis];
+  if (lower) return t->lower[axis] + t->width[axis] - 0.5 * t->slack[axis];
+  return t->lower[axis] + end + 0.5 * t->slack[axis];
+}
+
+/* The cell of a place that speaks for an input: of those in which it is proved that with the fewest steps to go. */
+static inline void sdhj_claimed(const sdhj_table *t, uint32_t step, const sdhj_place *place, uint32_t input, uint32_t *best) {
+  uint32_t cell[SDHJ_AXES], least = UINT32_MAX;
+  memcpy(cell, place->first, sizeof cell);
+  do {
+    const uint8_t *word = sdhj_word(t, step, cell);
+    uint32_t rank = UINT32_MAX - 1u;
+    if ((t->fields & SDHJ_FILTER) && sdhj_has(word + sdhj_offset(t, SDHJ_FILTER), input)) rank = UINT32_MAX - 2u;
+    if ((t->fields & SDHJ_SELECT) && sdhj_u16(word + sdhj_offset(t, SDHJ_SELECT)) == input) rank = sdhj_ahead(t, word);
+    if ((t->fields & SDHJ_SAFE) && sdhj_has(word + sdhj_offset(t, SDHJ_SAFE), input)) rank = sdhj_ahead(t, word);
+    if (rank < least) least = rank, memcpy(best, cell, sizeof cell);
+  } while (sdhj_next(t, place, cell));
+}
+
+/* The first and the last cell along an axis that all of a cell may lead to under an input. */
+static inline void sdhj_image(const sdhj_table *t, uint32_t step, const uint32_t *cell, uint32_t input, uint32_t axis, int64_t *first, int64_t *last) {
+  uint32_t number = t->leads > 1u ? step * t->count_of_inputs + input : input, k;
+  const uint8_t *at;
+  for (k = 0; k < t->axes; k++)
+    if (t->reads[axis] >> k & 1u) number = number * t->count[k] + cell[k];
+  at = t->images + 4u * (size_t)(t->begins[axis] + number);
+  *first = (int64_t)cell[axis] + (int16_t)sdhj_u16(at), *last = (int64_t)cell[axis] + (int16_t)sdhj_u16(at + 2);
+}
+
+/* Take a measurement: memory->point, which is looked up, and its place. */
+static inline sdhj_status sdhj_remember(const sdhj_table *t, sdhj_memory *memory, const double *measurement, sdhj_place *place) {
+  double *point = memory->point, seen[SDHJ_AXES];
+  const sdhj_status status = sdhj_seen(t, measurement, seen);
+  uint32_t axis;
+  memory->missed = 0;
+  for (axis = 0; status == SDHJ_OK && axis < t->axes; axis++) {
+    const double low = memory->low[axis], high = memory->high[axis], length = t->upper[axis] - t->lower[axis];
+    const double far = (low < high ? 2.0 : 1.0) * t->error[axis] + 10.0 * t->slack[axis], x = seen[axis];
+    double near = x, laps;
+    volatile double turned;
+    point[axis] = x;
+    if (!memory->begun || (t->periodic[axis] && high - low >= length)) continue;
+    if (t->periodic[axis]) {
+      laps = (x - (low + high) / 2.0) / length + 0.5;
+      turned = sdhj_between(laps, -1e9, 1e9) ? length * sdhj_floor(laps) : 0.0;
+      near = x - turned;
+    }
+    memory->missed |= !sdhj_between(near, low - far, high + far);
+    point[axis] = near < low ? low : near > high ? high : near;
+  }
+  if (status == SDHJ_OK && memory->missed) memcpy(point, seen, t->axes * sizeof *point);
+  for (axis = 0; axis < t->axes; axis++) memory->low[axis] = 1e300, memory->high[axis] = -1e300; /* nothing is near */
+  memory->begun = 1;
+  return status != SDHJ_OK ? status : sdhj_place_of(t, point, place);
+}
+
+/* Note the input that is applied at a place until the next measurement, whatever it is. */
+static inline void sdhj_applied(const sdhj_table *t, sdhj_memory *memory, uint32_t step, const sdhj_place *place, uint32_t input) {
+  uint32_t cell[SDHJ_AXES], axis;
+  int64_t first, last;
+  memory->begun = t->leads > 0u && input < t->count_of_inputs && !(t->starts > 1u && step >= t->steps);
+  if (!memory->begun) return;
+  sdhj_claimed(t, step, place, input, cell);
+  for (axis = 0; axis < t->axes; axis++) {
+    sdhj_image(t, step, cell, input, axis, &first, &last);
+    memory->low[axis] = sdhj_edge(t, axis, first), memory->high[axis] = sdhj_edge(t, axis, last + 1);
+    if (first == last && ((t->layers[axis] & 1u && first == 0) || (t->layers[axis] & 2u && first == (int64_t)t->count[axis] - 1)))
+      memory->low[axis] = memory->high[axis] = sdhj_behind(t, axis, first == 0);
+  }
+}
+
+/* The input for a measurement; memory->missed says whether an assumption broke, and nothing is promised of this one. */
+static inline sdhj_status sdhj_step(const sdhj_table *t, sdhj_memory *memory, uint32_t step, const double *measurement, uint32_t *input) {
+  sdhj_place place;
+  sdhj_status status = sdhj_remember(t, memory, measurement, &place);
+  *input = t->brake;
+  if (status != SDHJ_OK) return status;
+  status = sdhj_select_at(t, step, &place, input);
+  sdhj_applied(t, memory, step, &place, *input);
+  return status;
+}
+
+/* The same of `sdhj_filter`. */
+static inline sdhj_status sdhj_step_filter(const sdhj_table *t, sdhj_memory *memory, uint32_t step, const double *measurement, uint32_t wanted, uint32_t *input) {
+  sdhj_place place;
+  sdhj_status status = sdhj_remember(t, memory, measurement, &place);
+  *input = t->brake;
+  if (status != SDHJ_OK) return status;
+  status = sdhj_filter_at(t, step, &place, wanted, NULL, input);
+  sdhj_applied(t, memory, step, &place, *input);
+  return status;
+}
+
 /* ---- the states that are kept in the table with their answers */
 
 static inline uint32_t sdhj_told(uint32_t crc, sdhj_status status, uint32_t value) {
@@ -579,6 +756,15 @@ static inline uint32_t sdhj_selftest(const sdhj_table *t) {
           if (field == SDHJ_CLEAR || sdhj_ahead(t, word) == least) proved |= sdhj_has(word + sdhj_offset(t, field), input);
         } while (sdhj_next(t, &place, cell));
         if (proved) crc = sdhj_told(crc, SDHJ_OK, input + j * 65536u);
+      }
+    }
+    if (status == SDHJ_OK && t->leads > 0u && !(t->starts > 1u && step >= t->steps)) { /* what one of them leads to */
+      uint32_t cell[SDHJ_AXES];
+      int64_t first, last;
+      sdhj_claimed(t, step, &place, i % t->count_of_inputs, cell);
+      for (axis = 0; axis < t->axes; axis++) {
+        sdhj_image(t, step, cell, i % t->count_of_inputs, axis, &first, &last);
+        crc = sdhj_told(sdhj_told(crc, SDHJ_OK, (uint32_t)first), SDHJ_OK, (uint32_t)last);
       }
     }
     wrong += ((crc ^ 0xffffffffu) & 0xffffu) != sdhj_u16(test + 2u * t->axes);

@@ -8,6 +8,8 @@ in the tube. The recursion is that of Theorem 2, with sets of cells:
     S_k^n = S_k^{n-1} and every cell for which some input u_j has (i) an image, everything that can be reached at
             t_{k+1} from anywhere in the cell, covered by cells of S_{k+1}^{n-1}, and (ii) a tube, everywhere the
             state can be during the interval, clear of G(t) at every time.
+    S_k^1 has every cell, too, of which a clear input has an image inside L(t_{k+1}), where states are measured exactly:
+            the target that a run ends in need not be made of cells (`sdhj.certified.arrivals`).
 
 The obligations of the proof, where each is met, and the test in tests/certified that fails without it:
 
@@ -40,13 +42,16 @@ The obligations of the proof, where each is met, and the test in tests/certified
     shell, too, so a closed set is shrunk by 1e-10 of the coordinate, where it does not end with the grid.
     [test_state_on_an_edge, test_a_promised_run_has_a_reserve_for_rounding, test_borders_may_coincide]
 9.  *The target is reached by every state of the cell, outside G.* `tips_within` and `cells_clear` at an instant.
-    [test_goal_cells_are_inside_the_target]
+    [test_goal_cells_are_inside_the_target] For the others also by all of an image, whatever its cells: `Arrivals`.
+    [test_arrivals_on_a_line_are_those_of_the_closed_form, test_no_state_of_a_cell_that_arrives_is_outside_the_target]
 10. *What is measured is off* (`Sensing`). The sets are then of predictions, M_k^n of `sdhj.problem.sensing`. An image
     is of the cell widened by E, at every time that the interval may end, and widened by E again; tube and goal are of
     the cell widened by E, at every time that jitter allows. E is proved: `prediction_error`, `unknown`. With memory a
     cell holds
     the points that are carried on, whose state is within E: the image is widened by E before and shrunk by E after, to
-    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`).
+    its middle at least. Who clips a prediction to its cells keeps the state within E (`Table.next_points`). What is
+    held at a wall as a whole is known there: the state of a layer is not widened along its axis, and no point but one
+    that says so is in it (`Cells.told`).
     [test_no_prediction_is_farther_off_than_proved, test_nobody_who_remembers_is_lost]
 11. *The controller finds an input wherever the set promises one.* `arm_inputs` asks the same questions of the same cell
     with half the margin. [test_every_certified_state_has_an_input] For the others: `certified_inputs`.
@@ -87,10 +92,15 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
     5    all of a box, not only a part                      "the far half of a tube"
     8    states near a cell, near a tube                    "states near a cell", "a set nearer than rounding"
     9    all of a goal, at its time, outside G              "a goal more", "a goal of another time", "a goal in a post"
+    9    all of an image in the target, of known states     "an arrival more", "an arrival that leaves",
+                                                            "an arrival nearer than rounding",
+                                                            "arrivals of predictions"
     10   predictions: error, delay, each input and time     "predictions that begin where the state is"
     10   moves, tubes and goals of predictions              "one measurement that errs", "a goal beside an error"
     10   points that are carried on, with memory alone      "errors that are forgotten", "images shrunk by too much",
                                                             "a middle that is elsewhere"
+    10   layers, for who remembers to be there              "a measurement that errs nowhere",
+                                                            "half a shell above a wall", "half a shell below a wall"
     10   a clock that is off                                "no early end", "a post beside an uncertain clock"
 
 Images that are lines have a table of their own, and forgeries, in tests/certified/test_oblique.py.

@@ -174,7 +174,7 @@ class CertifiedTable(Table):
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
-            if spare[0] > 0:  # all of a box that is no wider than a layer's shell is in the layer
+            if spare[0] > 0 and not cells.told:  # all of a box that is no wider than a layer's shell is in the layer
                 at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
                 for at_wall, layer, place in zip(
                     at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
@@ -241,6 +241,21 @@ class CertifiedTable(Table):
 
         Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
         """
+        low, high = np.full((2, *points.shape), np.nan)  # off the grid
+        rows, begin, end = self.led(points, inputs, step)
+        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
+        cells, behind = self.cells, 0.5 * self.proof.shell  # a wall: the one point of a layer
+        lower, length = cells.lower + cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
+        for layer, cell, point in ((0, 0, lower - behind), (1, cells.counts - 1, cells.lower + length + behind)):
+            known = (cells.layers[layer] == 1) & (begin == cell) & (end == cell)
+            low[rows], high[rows] = (np.where(known, point, one[rows]) for one in (low, high))
+        return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
+
+    def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The cells of `next_bounds`, of the points that are on the grid: rows (R,), the first and the last (R, ndim).
+
+        Of the cells in which an input is proved it goes by the one with the fewest steps to go.
+        """
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
         some = cells_near(points, self.cells, self.proof.shell, rows, cells)
@@ -249,21 +264,20 @@ class CertifiedTable(Table):
         held = fewest <= left
         aheads = [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
         good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
-        order = np.lexsort([each, ~np.logical_or.reduce(good), ~good[0], rows])
+        nearest = np.where(good[0], aheads[0], left + 1)
+        order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
-        low, high = np.full((2, count, ndim), np.nan)  # off the grid
-        rows, ends = rows[firsts], self.proof.image(cells[firsts], inputs[rows[firsts]], step)
-        begin, end = (np.where(self.cells.periodic, one, np.clip(one, 0, self.cells.counts - 1)) for one in ends)
-        low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
-        return low, high, self.proof.prediction_error
+        return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """Where edges of such numbers (M, ndim) are, those of periodic axes counted on over the seam: (M, ndim)."""
-        counts = self.cells.counts
-        laps = np.where(self.cells.periodic, numbers // counts, 0)
-        at = np.where(self.cells.periodic, numbers % counts, numbers)
-        edges = [axis.edges()[own] for axis, own in zip(self.axes, at.T, strict=True)]
-        return np.stack(edges, axis=1) + laps * self.cells.length
+        """Where cells of such numbers (M, ndim) begin, those of periodic axes counted on over the seam: (M, ndim).
+
+        By the same operations as `sdhj_edge` in C, so that both carry on the same points.
+        """
+        cells, counts = self.cells, self.cells.counts
+        laps = np.where(cells.periodic, numbers // counts, 0)
+        edges = cells.lower + laps * cells.length + (numbers - laps * counts) * cells.width
+        return np.where(cells.periodic, edges, np.clip(edges, self.grid.lower, self.grid.upper))
 
     def centres(self, cells: FloatArray) -> FloatArray:
         """The states (M, ndim) in the middle of cells (M, ndim)."""
@@ -306,7 +320,8 @@ class CertifiedTable(Table):
         """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
 
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
-        target there may be no input that is proved to bring the state back into it one step later.
+        target there may be no input that is proved to bring the state back into it one step later. At the
+        end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -377,6 +392,13 @@ class CertifiedTable(Table):
 
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide.
+
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
 
         Raises
         ------
@@ -493,6 +515,8 @@ class CellSets:
         self.following[rows] = blocks
         every = self.proof.shrinks and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
+        if within == 1:
+            self.proof.add_arriving(self.cells, step)
         self._keep(step, within, (self.cells != before).any(axis=1))
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)

@@ -541,6 +541,11 @@ def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given:
 def union(*functions: Any) -> Any:
     """The level-set function of the union of sets, from theirs: the minimum. All are of (points, t).
 
+    Parameters
+    ----------
+    functions : callable (points (M, axes), t) -> (M,)
+        <= 0 in the sets, all of the same axes.
+
     Examples
     --------
     >>> import numpy as np
@@ -556,6 +561,11 @@ def union(*functions: Any) -> Any:
 def intersection(*functions: Any) -> Any:
     """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t).
 
+    Parameters
+    ----------
+    functions : callable (points (M, axes), t) -> (M,)
+        <= 0 in the sets, all of the same axes.
+
     Examples
     --------
     >>> import numpy as np
@@ -570,6 +580,11 @@ def intersection(*functions: Any) -> Any:
 
 def complement(function: Any) -> Any:
     """The level-set function of all that is not in a set, from the set's: its negative.
+
+    Parameters
+    ----------
+    function : callable (points (M, axes), t) -> (M,)
+        <= 0 in the set.
 
     Examples
     --------

@@ -11,15 +11,24 @@ from sdhj.formulas.graph import Lookup, interned, leaf
 def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
     """A function of points (M, axes) -> (M,) that interpolates values given at the nodes of a grid, multilinearly.
 
-    Beyond the ends of the grid it has the value at the end. ValueError if values are not finite, shapes do not fit, or
-    the values take more than 2^30 bytes, which is the limit for all tables of a problem together.
+    Beyond the ends of the grid it has the value at the end.
 
     Parameters
     ----------
     values : array of 1 to 6 axes, at least two nodes each
         Copied, unless it is a read-only array of its own.
     lower, spacing : float, one for each axis
-        Where the first node is, and how far nodes are apart.
+        Where the first node is, and how far nodes are apart, in the axes' units.
+
+    Returns
+    -------
+    callable (points (M, axes)) -> (M,)
+
+    Raises
+    ------
+    ValueError
+        If values are not finite, shapes do not fit, or the values take more than 2^30 bytes, which is the limit for all
+        tables of a problem together.
 
     Examples
     --------

@@ -62,9 +62,10 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 def _lead(begin, rows, states, packs, ends, found, work):
     """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
 
-    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; at (R, ndim), overwritten; hulls
+    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; of it what makes hulls; at (R, ndim),
+    overwritten; hulls
     """
-    (ints, floats), (near, at, hulls), ndim, most = packs, found, states.shape[1], 0
+    (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
     if played > 0:
         for r in range(rows.size):
@@ -81,7 +82,7 @@ def _lead(begin, rows, states, packs, ends, found, work):
                         near[term, j, axis, r] = ends[term, j, axis, begin + r]
     if played > 0 or ends.shape[3] > 1 or begin == 0:  # else one for all states; on six axes a block may be one state
         for r in range(min(rows.size, near.shape[3])):
-            most = max(most, hull_of(near, r, part(ints, floats, 1), hulls[r]))
+            most = max(most, hull_of(boxes, r, part(ints, floats, 1), hulls[r]))
     return most
 
 
@@ -93,13 +94,13 @@ def _answer(rows, states, when, packs, stored, ahead, space, out):
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
     stored_tubes = StoredTubes(steps, game, index, tubes, marks, static, still, moving, timed)
     for r in range(rows.size if checks != TRUE_SETS_ONLY else 0):
-        column = r if ahead[0].shape[3] > 1 else 0
-        by_tubes(rows[r], column, states, (step, within), stored_tubes, ahead[0], (order, lattice, space[0]), out)
+        box, room = (ahead[0], r if ahead[0].shape[3] > 1 else 0), (order, lattice, space[0])
+        by_tubes(rows[r], states, (step, within), stored_tubes, box, ahead[2], room, out)
     return checks == TUBES or _check_true_sets(rows, when, states, packs, ahead, (stored_tubes, lattice), space, out)
 
 
 @kernel(nogil=True)
-def decide(states, rows, when, packs, stored, ends, scores, out):
+def decide(states, rows, when, packs, stored, ahead, out):
     """Steps to go, the safe inputs and their margins, for some of the states (M, ndim) at one step (Algorithm 2).
 
     Parameters
@@ -111,13 +112,13 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
         as in `StoredTubes`. checks: `TUBES`, `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, which begins with what is in `out`.
     packs, stored : (ints, floats), (index, tubes, marks, static, moving)
         What is packed (above); of a `StoredTubes`.
-    ends : (4 + K, L, ndim, 1 or R)
-        What each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
+    ahead : (ends (4 + K, L, ndim, 1 or R), scores (M, L), normals (K', ndim) or None)
+        ends: what each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
-        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a
-        tape for it, it is played, and `ends` is not read.
-    scores : (M, L)
-        Which safe input is preferred as `best`: that of least score, of equals that of least depth.
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a tape for
+        it, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least score,
+        of equals that of least depth. normals: of the planes that states end between, where those are in no sum of a
+        box and segments; behind the path then the greatest n . x for each normal n, `ndim` of them in a term.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
         To be written. to_go is -1 where no tube holds the state; safe is False, margins and depths inf and best -1
         there and at the last step. Without a `game`, depths is the array margins.
@@ -127,7 +128,7 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     bool
         Whether all formulas have values wherever they were evaluated; else the answers are worthless.
     """
-    ints, inputs, ndim, slots = packs[0], out[1].shape[1], states.shape[1], 1
+    (ends, scores, normals), ints, inputs, ndim, slots = ahead, packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))
     width, size = max(1, min(BLOCK // max(count, 1), rows.size)), 64  # states at a time, nodes of a block
     played, faces = length(ints, np.int64(AT_AHEAD + RESULTS)), part(ints, packs[1], AT_FACES)
@@ -135,16 +136,18 @@ def decide(states, rows, when, packs, stored, ends, scores, out):
     alike = played == 0 and ends.shape[3] == 1
     near, at = ends if alike else np.empty((terms, inputs, ndim, width)), np.empty((width, ndim))
     scratch = working_room(near.shape[3], ndim, inputs, size, terms - PATH, faces[4 * ndim :])
+    boxes = near[: terms if normals is None else PATH]
     samples = samples_for(width if when[4] != TUBES else 0, inputs, count, ndim, sets)
     for first in (AT_AHEAD, AT_UNSAFE, AT_TARGET):
         slots = max(slots, slots_of(ints, np.int64(first)))
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        needed = _lead(begin, some, states, packs, ends, (near, at, scratch.hull), work)
+        needed = _lead(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]
-        if needed < 0 or not _answer(some, states, when, packs, stored, (near, scores), (scratch, samples, work), out):
+        space, leads = (scratch, samples, work), (near, scores, normals)
+        if needed < 0 or not _answer(some, states, when, packs, stored, leads, space, out):
             return False
     return True

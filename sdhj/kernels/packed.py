@@ -25,6 +25,7 @@ class Cells(NamedTuple):
     """The cells of every axis as arrays of shape (ndim,), and how blocks are packed.
 
     layers (2, ndim) int64: 1 where the first or the last cell lies outside the axis, and stands for its end alone.
+    told: whether only points behind a wall, by half a shell, are in its layer: those of which it is known.
     """
 
     lower: FloatArray
@@ -34,6 +35,7 @@ class Cells(NamedTuple):
     counts: FloatArray
     periodic: FloatArray
     rows: int  # leading axes that number the blocks; the others are packed
+    told: bool = False
 
 
 def to_words(bits: FloatArray) -> FloatArray:
@@ -186,6 +188,12 @@ def cells_at(state, cells, slack, found):
         below, above = offset - slack[axis], offset + slack[axis]
         first = min(max(math.floor(below / width), 0), count - 1)
         last = min(max(math.floor(above / width), 0), count - 1)
+        if cells.told and cells.layers[0, axis]:
+            known = offset < width - slack[axis] / 4
+            first, last = (0, 0) if known else (max(first, 1), max(last, 1))
+        if cells.told and cells.layers[1, axis]:
+            known = offset > length - width + slack[axis] / 4
+            first, last = (count - 1, count - 1) if known else (min(first, count - 2), min(last, count - 2))
         if cells.periodic[axis] and below < 0.0:
             first = count - 1
         if cells.periodic[axis] and above >= length:

@@ -291,6 +291,26 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
             inside[bit >> 6] ^= BIT << np.uint64(bit & 63)
 
 
+@kernel(parallel=True)
+def add_marked(inside, clear, marks, strides, counts):
+    """Add to a set the cells with a bit in both clear (cells, bytes) and marks (sites, bytes).
+
+    inside (R, W): the set, in place; a cell is at the site sum(cell * strides).
+    """
+    last = counts[counts.size - 1]
+    for i in prange(inside.shape[0]):
+        site, rest = 0, np.int64(i)
+        for back in range(1, counts.size):
+            axis = counts.size - 1 - back
+            site += rest % counts[axis] * strides[axis]
+            rest //= counts[axis]
+        for bit in range(last):
+            at = site + bit * strides[counts.size - 1]
+            for byte in range(marks.shape[1]):
+                if marks[at, byte] & clear[i * last + bit, byte]:  # obligation 9.15
+                    inside[i, bit >> 6] |= BIT << np.uint64(bit & 63)
+
+
 @kernel(**UNCOUNTED)
 def reached_words(rows, changed, far, cells, out, scratch, hit):
     """Mark the words with cells whose images under some input may hold cells that changed.

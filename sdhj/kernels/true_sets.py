@@ -73,7 +73,31 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 
 
 @kernel(**UNCOUNTED)
-def place_points(at, state, j, box, lattice, look, samples):
+def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
+    """Write, from `at` on, where planes cut the ways from the middle of a box to its corners, or these."""
+    (ends, column), (points, past), ndim = box, samples, state.size
+    planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
+    for corner in range(1 << ndim):
+        share, out = 1.0, False
+        for k in range(planes):
+            left, towards = ends[PATH + k // ndim, j, k % ndim, column], 0.0
+            for axis in range(ndim):
+                low, high = ends[0, j, axis, column], ends[1, j, axis, column]
+                side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
+                left -= normals[k, axis] * 0.5 * (low + high)
+                towards += normals[k, axis] * 0.5 * (high - low) * side
+            share = min(share, max(left, 0.0) / towards) if towards > 0.0 else share
+        for axis in range(ndim):
+            low, high = ends[0, j, axis, column], ends[1, j, axis, column]
+            side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
+            x = state[axis] + 0.5 * (low + high) + share * side * 0.5 * (high - low)
+            out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
+            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+        past[at + corner] = 1 if out else 0
+
+
+@kernel(**UNCOUNTED)
+def place_points(at, state, j, box, normals, lattice, look, samples):
     """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
@@ -93,6 +117,10 @@ def place_points(at, state, j, box, lattice, look, samples):
         gone |= out & (i <= last)
         past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
         points[sample, ndim] = times[sample - at]
+    if normals is not None:
+        if times.size > 1:
+            _place_cut_corners(at + last + 1, state, j, box, normals, lattice, faces, samples)
+        return
     if ends.shape[0] > PATH and times.size > 1:
         _place_corners(at + last + 1, state, j, box, lattice, faces, samples)
 
@@ -124,17 +152,13 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
     """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-    no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores) of `decide`, as the other arguments but
+    no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores, normals) of `decide`, as the others but
     samples, which is what `samples_for` returns. Returns how many still wait.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
-    (ints, floats), (ends, scores) = packs, ahead
-    lattice, times, faces = (
-        unpacked_lattice(ints, floats),
-        part(ints, floats, CHECK_TIMES),
-        part(ints, floats, AT_FACES),
-    )
-    some = 0
+    (ints, floats), (ends, scores, normals) = packs, ahead
+    lattice, some = unpacked_lattice(ints, floats), 0
+    times, faces = part(ints, floats, CHECK_TIMES), part(ints, floats, AT_FACES)
     if waiting < 0:
         for r in range(rows.size):
             if to_go[rows[r]] >= 0:
@@ -148,7 +172,7 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
         best[m], queue[1, r] = j, j if queue[1, r] < 0 else queue[1, r]
         if verdicts[r, j] == UNKNOWN:
             box = ends, r if ends.shape[3] > 1 else 0
-            place_points(some * times.size, states[m], j, box, lattice, (times, faces), (points, past))
+            place_points(some * times.size, states[m], j, box, normals, lattice, (times, faces), (points, past))
             queue[0, some] = r
             some += 1
     return some

@@ -13,9 +13,12 @@ from sdhj.kernels.interpolation import Lattice, among, corners, locate, on_grid,
 from sdhj.kernels.tape import BLOCK, TABLES, part
 
 TINY = 1e-9  # a weight below it is rounding: the state is on the other node
-PATH = 4  # terms of what inputs lead to, before the segments: corners of a box, and the path without an adversary
+# terms of what inputs lead to, before what there is more of it, segments or planes: corners of a box, and the path
+# without an adversary
+PATH = 4
 A_CELL = 4.0  # intervals between the points at which segments are looked at, for a cell of half their length
-MOST_POINTS = 4096  # of sums of segments that are looked at: of more the box is taken
+SLABS_A_CELL = 4.0  # that what lies between planes is cut into, for a cell
+MOST_POINTS = 4096  # of sums of segments, or slabs, that are looked at: of more the box is taken
 CENTRE = 0.25  # of the depth of an input for ever: the share that the game's value at the centre of its box has
 
 # What is `packed` of a problem at one step: a `Lattice`; the axes of the avoid tubes; the order of axes in which maxima
@@ -58,7 +61,8 @@ class LookupScratch(NamedTuple):
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
     at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
     Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
-    points of each are looked at; held (2 ndim,): walls.
+    points of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies
+    between them, and into how many it is cut along each axis.
     """
 
     hull: Any
@@ -154,11 +158,14 @@ def _spread(ends, column, j, axis):
 
 @kernel(**UNCOUNTED)
 def is_held(state, ends, column, j, held):
-    """Whether the segments of an input lead past a wall, where the state may end outside their sum."""
+    """Whether an input leads past a wall, where the state may end outside the sum of its segments, or its planes.
+
+    ends : those of the box, or with segments.
+    """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
         low, high = state[axis] + ends[0, j, axis, column] - far, state[axis] + ends[1, j, axis, column] + far
-        if far > 0.0 and (low < held[axis] or high > held[state.size + axis]):
+        if (far > 0.0 or ends.shape[0] == PATH) and (low < held[axis] or high > held[state.size + axis]):
             return True
     return False
 
@@ -201,14 +208,81 @@ def _move(point, ends, column, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _worst_values(values, state, ends, column, order, lattice, scratch, out):
+def _cuts(state, ends, normals, column, lattice, scratch):
+    """Write into how many slabs what lies between planes is cut along each axis; returns the last axis, and the most.
+
+    Along the last axis that planes are not parallel to into one; 0 where the box is taken.
+    """
+    most, cuts, last = 1.0, scratch.moved[2], 0
+    for k in range(normals.shape[0]):
+        for axis in range(state.size):
+            last = max(last, axis if normals[k, axis] != 0.0 else 0)
+    for j in range(ends.shape[1]):
+        slabs = 1.0
+        for axis in range(state.size):
+            cells, cut = (ends[1, j, axis, column] - ends[0, j, axis, column]) / lattice.spacing[axis], False
+            for k in range(normals.shape[0]):
+                cut |= normals[k, axis] != 0.0 and axis < last
+            cuts[j, axis, 0] = max(np.ceil(SLABS_A_CELL * min(cells, MOST_POINTS)), 1.0) if cut else 1.0
+            slabs = min(slabs * cuts[j, axis, 0], MOST_POINTS + 1.0)
+        if slabs > MOST_POINTS or is_held(state, ends[:PATH], column, j, scratch.held):
+            cuts[j], slabs = 0.0, 1.0
+        most = max(most, slabs)
+    return last, int(most)
+
+
+@kernel(**UNCOUNTED)
+def _cut(slab, last, ends, normals, column, lattice, moved):
+    """Write the boxes of all inputs around a slab of what lies between their planes, by its number.
+
+    Where none of the slab does, the middle of the box, which always does.
+    """
+    for j in range(ends.shape[1]):
+        left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
+        for axis in range(ends.shape[2]):
+            low, high, cuts = ends[0, j, axis, column], ends[1, j, axis, column], max(int(moved[2, j, axis, 0]), 1)
+            place, wide = left % cuts, (high - low) / cuts
+            moved[0, j, axis, 0] = low + place * wide
+            moved[1, j, axis, 0] = high if place == cuts - 1 else low + (place + 1) * wide
+            left //= cuts
+        low, high = moved[0, j, last, 0], moved[1, j, last, 0]
+        for k in range(planes):
+            rest, along = ends[PATH + k // ends.shape[2], j, k % ends.shape[2], column], normals[k, last]
+            for axis in range(last):
+                rest -= normals[k, axis] * moved[0 if normals[k, axis] > 0.0 else 1, j, axis, 0]
+            if along > 0.0:
+                high = min(high, rest / along)
+            elif along < 0.0:
+                low = max(low, rest / along)
+            else:
+                empty |= rest < 0.0
+        # by rounding they may be the wrong way round, but not past the box, whose nodes alone were gathered
+        moved[0, j, last, 0] = max(min(low, high), ends[0, j, last, column])
+        moved[1, j, last, 0] = min(max(low, high), ends[1, j, last, column])
+        if empty or low - high > TINY * lattice.spacing[last]:
+            for axis in range(ends.shape[2]):
+                middle = 0.5 * (ends[0, j, axis, column] + ends[1, j, axis, column])
+                moved[0, j, axis, 0], moved[1, j, axis, 0] = middle, middle
+
+
+@kernel(**UNCOUNTED)
+def _worst_values(values, state, box, normals, space, out):
     """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
-    no more than half a cell apart along each; where they are held at a wall, or too many, the box around it.
+    no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
+    boxes around these. Where they are held at a wall, or too many, the box around it. What is for planes alone is not
+    compiled where normals is None.
     """
+    (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
+    if normals is not None:
+        last, slabs = _cuts(state, ends, normals, column, lattice, scratch)
+        for slab in range(slabs):
+            _cut(slab, last, ends, normals, column, lattice, scratch.moved)
+            _raise_to_worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, out)
+        return
     alone = ends.shape[0] == PATH
     for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
         if not alone:
@@ -243,13 +317,14 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 
 @kernel(**UNCOUNTED)
-def _depths(stored_tubes, state, ends, column, order, lattice, scratch, out):
+def _depths(stored_tubes, state, box, normals, space, out):
     """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
     """
-    _worst_values(stored_tubes.tubes[stored_tubes.game], state, ends, column, order, lattice, scratch, out)
+    (ends, column), (_, lattice, scratch) = box, space
+    _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
     centre, index, weight = scratch.centre, scratch.index[1], scratch.weight[1]
     for j in range(out.size):
         for axis in range(state.size):
@@ -296,9 +371,9 @@ def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
 
 
 @kernel(**UNCOUNTED)
-def by_tubes(m, column, states, when, stored_tubes, ends, space, out):
+def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     """The answers for one state, but for the look at the true sets."""
-    (order, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
+    (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
     following = here + steps - step + 1  # the place of (step + 1, 0)
@@ -315,9 +390,9 @@ def by_tubes(m, column, states, when, stored_tubes, ends, space, out):
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
     _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
-    _worst_values(tube, state, ends, column, order, lattice, scratch, margins[m])
+    _worst_values(tube, state, box, normals, space, margins[m])
     if stored_tubes.game >= 0:
-        _depths(stored_tubes, state, ends, column, order, lattice, scratch, depths[m])
+        _depths(stored_tubes, state, box, normals, space, depths[m])
     best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 

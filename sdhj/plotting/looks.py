@@ -53,6 +53,15 @@ def look(name: str) -> Looks:
 def step_colours(steps: int) -> list[Any]:
     """One colour for each number of steps to go, 0 to `steps`, from dark to light in even steps of lightness.
 
+    Parameters
+    ----------
+    steps : int
+        N, at least 0.
+
+    Returns
+    -------
+    list of N + 1 colours, red, green, blue and opacity from 0 to 1
+
     Examples
     --------
     >>> from sdhj import plotting
@@ -63,7 +72,18 @@ def step_colours(steps: int) -> list[Any]:
 
 
 def patch(name: str, label: str) -> Patch:
-    """A legend entry, with the text `label`, for the set `name`.
+    """A legend entry for a set.
+
+    Parameters
+    ----------
+    name : str
+        Of the set: "target", "obstacles", "pursuer"; others are drawn as unsafe sets.
+    label : str
+        The text.
+
+    Returns
+    -------
+    matplotlib.patches.Patch
 
     Examples
     --------
@@ -76,6 +96,13 @@ def patch(name: str, label: str) -> Patch:
 
 def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figure:
     """A figure of this size, in inches, with Matplotlib's constrained layout; `options` as for its `Figure`.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+    options
+        Of `matplotlib.figure.Figure`.
 
     Examples
     --------
@@ -106,9 +133,26 @@ def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf
 
 
 def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pdf", "png")) -> list[Path]:
-    """Write `figure` as folder/name.format for each format, pdf, svg or png; returns the paths.
+    """Write `figure` as folder/name.format for each format; equal figures give equal files.
 
-    Equal figures give equal files. ValueError for another format, OSError if the folder cannot be written to.
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    folder : path
+        It is made where it does not exist.
+    name : str
+    formats : sequence of {"pdf", "svg", "png"}
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    ValueError
+        For another format.
+    OSError
+        If the folder cannot be written to.
 
     Examples
     --------
@@ -130,8 +174,18 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
 def write(figure: Figure, path: Named) -> None:
     """Write `figure` in the format of the file extension; the file appears only when it is complete.
 
-    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error. OSError if the folder
-    cannot be written to.
+    It is drawn in memory first, because Matplotlib reports a full disk by an unrelated error.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path
+        It ends in .pdf, .svg or .png.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written to.
 
     Examples
     --------

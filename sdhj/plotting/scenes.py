@@ -20,6 +20,17 @@ FRAME_MARGIN = 0.02
 def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder: float = 5.0) -> None:
     """Draw the arm at joint angles q (2,): the thick links, base, elbow and end-effector.
 
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    scene : ArmScene
+        `sdhj.arm.case_studies.scene(problem)`, of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+    q : (2,) array
+        The joint angles, rad.
+    alpha, zorder : float
+        How opaque it is, and in which order it is drawn, as Matplotlib has them.
+
     Examples
     --------
     With the paper's arm on a few nodes:
@@ -50,9 +61,20 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
 def draw_workspace(
     ax: Axes, scene: ArmScene, *, state: State | None = None, time: float = 0.0, trail: FloatArray | None = None
 ) -> None:
-    """Draw obstacles (red, hatched) and target (blue) at a time, s, and arm and agent in a state (4,) (Fig. 9a).
+    """Draw obstacles (red, hatched) and target (blue) at a time, and arm and agent in a state (Fig. 9a).
 
-    Without a state arm and agent are left out. At the times of the `trail` (K,), s, moving disks are outlined faintly.
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    scene : ArmScene
+        `sdhj.arm.case_studies.scene(problem)`, of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+    state : (4,) array, optional
+        Joint angles, rad, and the agent's place, m; by default arm and agent are left out.
+    time : float
+        s
+    trail : (K,) array, optional
+        Times, s, at which moving disks are outlined faintly.
 
     Examples
     --------

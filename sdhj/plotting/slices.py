@@ -54,7 +54,26 @@ class Plane:
 def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: int = RESOLUTION) -> Plane:
     """The slice along two axes through the state `through` (ndim,), whose entries on these two axes are ignored.
 
-    ValueError if `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
+    Parameters
+    ----------
+    grid : Grid
+    through : (ndim,) array
+        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
+    resolution : int
+        Points along each side.
+
+    Returns
+    -------
+    Plane
+        `x` and `y`, the coordinates along its sides; `points` (resolution^2, ndim), its states; `shaped(values)`, what
+        was computed for these as an image (Y, X), and `of(grid, values)`, values at the nodes as one.
+
+    Raises
+    ------
+    ValueError
+        If `through` is not a state or lies outside a bounded axis, or `axes` are not two different axes.
 
     Examples
     --------
@@ -83,7 +102,20 @@ def plane(grid: Grid, through: State, axes: Sequence[int] = (0, 1), resolution: 
 def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str, zorder: float = 2.0) -> None:
     """Fill and outline the set {values <= 0}, with `values` (Y, X) on the slice; an empty set draws nothing.
 
-    The filled artist has the identifier `gid`, the outline `gid` + "-edge".
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    where : Plane
+        The slice, of `plane`.
+    values : (Y, X) array
+        At its points, as `where.shaped` or `where.of` returns them.
+    looks : dict
+        "facecolor", "edgecolor", "linewidth" and whatever else Matplotlib's contours take.
+    gid : str
+        The identifier of the filled artist; that of the outline is `gid` + "-edge".
+    zorder : float
+        In which order it is drawn.
 
     Examples
     --------
@@ -111,6 +143,15 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
     """Set the limits, ticks and labels (with units) of a slice.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    grid : Grid
+        Whose names and ends the axes get.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
 
     Examples
     --------
@@ -144,7 +185,28 @@ def draw_constraints(
     """Draw the true target and unsafe sets at time step * delta on a slice, without interpolation (Fig. 9b).
 
     Unsafe sets are red and hatched, the target is blue, and the set of captures by the pursuer has a bold dotted
-    contour. `parts` selects some of them by name.
+    contour.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    problem : ReachAvoidProblem
+    through : (ndim,) array
+        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
+    step : float
+        k; the sets are those at time k delta.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
+    parts : sequence of str, optional
+        The names of the unsafe sets that are drawn; by default all.
+    resolution : int
+        Points along each side of the slice.
+
+    Raises
+    ------
+    ValueError
+        If `through` or `axes` does not fit the grid.
 
     Examples
     --------
@@ -177,6 +239,29 @@ def draw_tubes(
 
     Tubes of fewer steps are darker. The tube with n steps to go has the identifier "tube-n". With `unsafe` the true
     unsafe sets at step `start` are outlined.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    table : Table
+    through : (ndim,) array
+        The state that the slice goes through, in the units of the grid's axes; its entries on `axes` are ignored.
+    start : int
+        k, the step at which the robot is there, from 0 to N.
+    within : int, optional
+        n, the most steps that it may take; by default all that are left, N - start.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
+    unsafe : bool
+        Whether the true unsafe sets are outlined.
+    resolution : int
+        Points along each side of the slice.
+
+    Raises
+    ------
+    ValueError
+        If `through`, `start`, `within` or `axes` does not fit the table.
 
     Examples
     --------
@@ -222,7 +307,21 @@ def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> F
 def draw_path(
     ax: Axes, grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1), marks: FloatArray | None = None, **line: Any
 ) -> None:
-    """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes; dots at the `marks` (K, ndim).
+    """Draw the path of states (T, ndim) on a slice, cut at the ends of periodic axes.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    grid : Grid
+    states : (T, ndim) array
+        In the units of the grid's axes, as `Trajectory.states`.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
+    marks : (K, ndim) array, optional
+        States that get a dot, as `Trajectory.samples`.
+    line
+        Of `matplotlib.lines.Line2D`.
 
     Examples
     --------

@@ -24,6 +24,16 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
 
     The identifier of the outline is the target's name + "-then-edge".
 
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    table : Table
+    run : Trajectory
+        Of `sdhj.simulate`, with a controller of this table.
+    axes : (int, int)
+        The two axes of the grid that are shown, ascending.
+
     Examples
     --------
     With the paper's arm on a few nodes:
@@ -54,6 +64,24 @@ def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: 
 
 def draw_moment(figure: Figure, table: Table, run: Trajectory, *, index: int) -> None:
     """Redraw the figure for one instant of a run: the workspace on the left, the next tube on a slice on the right.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        It is cleared first.
+    table : Table
+        Of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+    run : Trajectory
+        Of `sdhj.simulate`.
+    index : int
+        Which of run.times.
+
+    Raises
+    ------
+    ValueError
+        If the problem is another.
+    IndexError
+        If the run has no such time.
 
     Examples
     --------

@@ -26,6 +26,10 @@ class Ball:
     polygon; projections on fewer axes, and whatever plays boxes, the box around it, which is that of the ball where K
     is even. Where a certified table plays boxes, bounds=[radius, radius] proves more: cells are aligned with it.
 
+    Where v does not enter the velocity linearly, the ball itself is played: v is then a (cos b, sin b) with |a| <=
+    radius and |b| <= pi / 2, which are the two components of `problem.dynamics`, and cut into `Dynamics.pieces` each,
+    64 together: what is played is up to 18 % farther out with 8 pieces, 10 % with 16, to the first order.
+
     Parameters
     ----------
     radius : float, or function of (points (M, ndim), u (m,), t) -> (M,)
@@ -36,8 +40,7 @@ class Ball:
     Raises
     ------
     ValueError
-        If a number does not fit, here or in `Dynamics` the gain does not have two columns or the disturbance does not
-        enter linearly.
+        If a number does not fit, here or in `Dynamics` the gain does not have two columns.
 
     Examples
     --------
@@ -87,18 +90,21 @@ class Ball:
 
     def velocity(self, given: Any) -> Any:
         """A velocity of v, as one of the components along the sides."""
-        takes = arguments("velocity", given)
-        if "v" not in takes:
-            return given
-        place = takes.index("v")
+        axes = self.directions.tolist()
+        return _of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
-        def of_sides(*found: Any) -> Any:
-            """The velocity, v being the sum of the components."""
-            w, (x, y) = found[place], self.directions.tolist()
-            v = np.stack([sum(w[k] * one for k, one in enumerate(axis)) for axis in (x, y)])
-            return given(*found[:place], v, *found[place + 1 :])
+    def in_polar(self, given: Any) -> tuple[Any, Any]:
+        """A velocity of v, as one of a and b where v = a (cos b, sin b), and the bounds of these."""
+        velocity = _of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
+        if not callable(radius := self.radius):
+            return velocity, np.array([radius, np.pi / 2])
 
-        return wraps(given)(of_sides)
+        def most(*found: Any) -> Any:
+            """The greatest a and b."""
+            far = radius(*found)
+            return np.stack([far, 0.0 * far + np.pi / 2], axis=-1)
+
+        return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
         """What gain (..., ndim, 2) becomes along the sides."""
@@ -106,3 +112,17 @@ class Ball:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
         pairs = self.directions.T.tolist()
         return np.stack([gain[..., 0] * x + gain[..., 1] * y for x, y in pairs], axis=-1)
+
+
+def _of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
+    """A velocity of v, as one of what `disturbance` makes v of."""
+    takes = arguments("velocity", given)
+    if "v" not in takes:
+        return given
+    place = takes.index("v")
+
+    def velocity(*found: Any) -> Any:
+        """The velocity, v being made of other components."""
+        return given(*found[:place], np.stack(disturbance(found[place])), *found[place + 1 :])
+
+    return wraps(given)(velocity)

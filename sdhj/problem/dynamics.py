@@ -6,6 +6,7 @@ dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),  
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from sdhj.problem.ball import Ball
 from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
+AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
 MOST_INPUTS = 1 << 16  # an export in C numbers them by 16 bits
 Times = tuple[float, float]
 Signs = FloatArray | None  # (D,) the vertex of the box of v that the adversary keeps to; None: it chooses any v
@@ -46,9 +48,9 @@ class Dynamics:
         In place of drift and gain. Where v does not enter linearly, each component of the velocity may be anything
         between its extremes over a piece of the box of v, which errs to the safe side.
     pieces : int
-        Into how many pieces methods "hji" and "certified" cut the range of each component of v that does not enter
-        linearly and moves several axes; the error falls with their number, to the first order, and cost and memory
-        grow with it.
+        Into how many pieces methods "hji" and "certified", and margins, cut the range of each component of v that does
+        not enter linearly and moves several axes; the error falls with their number, to the first order, and cost and
+        memory grow with it.
 
     Raises
     ------
@@ -86,8 +88,8 @@ class Dynamics:
     bounds: Any = None
     velocity: Any = None
     pieces: int = CUTS
-    _ball: bool = field(default=False, init=False, repr=False, compare=False)
-    _parts: dict[str, Formula] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _polar: Any = field(default=None, init=False, repr=False, compare=False)  # where a ball's v may be nonlinear
+    _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check inputs, functions and arrays; ValueError where one does not fit."""
@@ -101,8 +103,11 @@ class Dynamics:
             raise ValueError("give drift, with gain and bounds, or velocity, with bounds")
         if self.velocity is None and (self.gain is None) != (self.bounds is None):
             raise ValueError("gain and bounds belong together: how the disturbance moves the state, how large it is")
-        object.__setattr__(self, "_ball", isinstance(self.bounds, Ball))
         if isinstance(ball := self.bounds, Ball):  # from here on, its sides are components
+            if self.velocity is not None and not isinstance(self.velocity, BlackBox):
+                velocity, most = ball.in_polar(self.velocity)
+                polar = Dynamics(inputs, velocity=velocity, bounds=most, pieces=self.pieces)
+                object.__setattr__(self, "_polar", polar)
             name = "gain" if self.velocity is None else "velocity"
             object.__setattr__(self, name, getattr(ball, name)(getattr(self, name)))
             object.__setattr__(self, "bounds", ball.bounds())
@@ -132,11 +137,11 @@ class Dynamics:
             velocity = self._read("velocity", ndim, (ndim,), D)
             parts = linear(velocity.outputs, [leaf("p", 1 + d) for d in range(D)])
             if parts is None:
-                if self._ball:
-                    raise ValueError(
-                        "a Ball needs a disturbance that enters the velocity linearly; give bounds=[radius, radius], "
-                        "which errs to the safe side"
-                    )
+                if self._polar is not None:
+                    found = self._polar.read(ndim)
+                    self._parts.clear()
+                    self._parts.update(self._polar._parts)
+                    return found
                 scaled = partial(_scaled_velocity, velocity, bounds)
                 drift, gain = Formula.traced("velocity", scaled, ndim, 1 + D) if bounds.reads.any() else velocity, None
             else:
@@ -156,8 +161,7 @@ class Dynamics:
 
         Each input has one of the `times`, and the first all.
         """
-        for name, formula in self._parts.items():
-            function = getattr(self, name)
+        for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
             for j, t in [*((0, t) for t in times[1:]), *((j, times[j % len(times)]) for j in range(len(self.inputs)))]:
                 u, v = self.inputs[j], np.linspace(-0.5, 0.5, field.adversaries)
@@ -212,8 +216,8 @@ class Dynamics:
                 f"{MOST_LINES:,}; use fewer inputs or operations, sdhj.gridded for a table, or wrap it in sdhj.BlackBox"
             )
         results = sure_of_zeros(name, outputs, ndim, parameters)
-        self._parts[name] = Formula(results, ndim, parameters, (count, *one), name)
-        return self._parts[name]
+        self._parts[name] = given, Formula(results, ndim, parameters, (count, *one), name)
+        return self._parts[name][1]
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
@@ -492,6 +496,25 @@ class VectorField:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
+
+    def along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
+        """The greatest n . velocity under u_j at points (M, ndim) for each way n (K, ndim), whatever v does: (M, K).
+
+        Where v does not enter linearly: of the boxes of velocities of the pieces that its range is cut into.
+        """
+        ends = self.disturbance(j, points[:1], points[:1], (t, t))
+        nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
+        pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(ways)), -np.inf)
+        for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
+            low, high = (
+                np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1)
+            )
+            least, most = self._with_disturbance[j].bounds(low, high, (t, t))
+            reach = (least + most) / 2 @ ways.T + (most - least) / 2 @ np.abs(ways).T
+            found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))
+        if not np.isfinite(found).all():
+            self.extremes(points, j, t)  # says what is wrong
+        return found
 
     def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
         """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""

@@ -14,6 +14,8 @@ PACKAGE = str(Path(__file__).parents[1])
 class ResolutionWarning(UserWarning):
     """The grid is too coarse for an unsafe set, its level-set function is not a distance, or many runs are lost.
 
+    It says by how much, and what helps: how many nodes, another function, another method.
+
     Examples
     --------
     With the robot on a line of `help(sdhj)`, to make an error of what would be told:
@@ -28,6 +30,8 @@ class ResolutionWarning(UserWarning):
 class UnsettledWarning(UserWarning):
     """The sets of a problem without a number of steps were still changing when the solve ended.
 
+    What is promised then holds for as many steps as were solved, not for ever. More nodes or a longer delta help.
+
     Examples
     --------
     >>> import sdhj
@@ -38,6 +42,9 @@ class UnsettledWarning(UserWarning):
 
 class ProjectionWarning(UserWarning):
     """The projected method finds little or nothing with these subspaces.
+
+    The target or the way to it depends on an axis that is dropped: keep it (`sdhj.Projected(subspaces=...)`), or use
+    method "hji".
 
     Examples
     --------

@@ -135,6 +135,11 @@ class Grid:
     def nodes(self, axis: int) -> FloatArray:
         """Coordinates of the nodes on one axis, shape (shape[axis],), in the axis's unit.
 
+        Parameters
+        ----------
+        axis : int
+            Numbered from 0.
+
         Raises
         ------
         IndexError
@@ -194,6 +199,15 @@ class Grid:
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).
+
+        Parameters
+        ----------
+        axes : sequence of int
+            Those that are kept.
+
+        Returns
+        -------
+        Grid
 
         Raises
         ------
@@ -256,6 +270,18 @@ class Grid:
     def lift(self, values: FloatArray, axes: Sequence[int]) -> FloatArray:
         """View `values` on `subgrid(axes)`, axes ascending, as broadcastable over this grid (back-projection).
 
+        Parameters
+        ----------
+        values : array of shape subgrid(axes).shape
+            A function at the nodes of some axes only.
+        axes : sequence of int
+            These axes, ascending.
+
+        Returns
+        -------
+        array of ndim axes
+            Of one node on every axis that is not among `axes`; no copy.
+
         Raises
         ------
         ValueError
@@ -292,6 +318,13 @@ class Grid:
         """Interpolate values at the nodes (shape `grid.shape`) multilinearly at points (M, ndim): (M,) float64.
 
         Periodic axes are wrapped. For a point off the grid, or with a NaN, the result is +inf: in no set.
+
+        Parameters
+        ----------
+        values : array of shape grid.shape
+            The function at the nodes.
+        points : (M, ndim) array
+            Where to interpolate, in the units of the axes.
 
         Raises
         ------
@@ -379,6 +412,15 @@ class Grid:
 
     def fraction(self, inside: FloatArray) -> float:
         """Share of the grid's volume where the boolean array `inside`, shape `shape`, is true.
+
+        Parameters
+        ----------
+        inside : array of shape grid.shape, bool
+            Which nodes count.
+
+        Returns
+        -------
+        float, from 0 to 1
 
         Raises
         ------

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of ve
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ROUNDING = 1e-12  # of pushes, relative to the greatest
+FAN, MOST_WAYS = 4, 64  # normals of planes in the plane of two axes: so many for each piece of v, and at most
+MOST_PIECES = 4096  # of the box of v, of which hulls are made: with more, what they lead to is a box
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
 
@@ -238,7 +240,7 @@ class Interval:
         velocities do not depend on the state; else the adversary's gain is that at the start.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
-        spread = np.abs(halves).sum(axis=0) if halves else 0.0
+        spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
         return low - spread, high + spread
 
     def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
@@ -246,10 +248,17 @@ class Interval:
         ndim).
 
         sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
-        of v move several axes, each is at the end that lies farther in this direction from the middle.
+        of v move several axes, each is at the end that lies farther in this direction from the middle; between planes,
+        where the way from the middle of the box to the point leaves them.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
+        if (normals := self.normals).size:
+            middle, way = (low + high) / 2, points - (low + high) / 2
+            left = np.concatenate(halves, axis=-1)[..., : len(normals)] - middle @ normals.T
+            towards = way @ normals.T
+            share = np.where(towards > 0, np.maximum(left, 0.0), 1.0) / np.where(towards > 0, towards, 1.0)
+            return np.asarray(middle + np.minimum(share, 1.0).min(axis=-1, keepdims=True) * way)
         for half in halves:
             towards = ((2 * sides - 1) * half / self.grid.spacing).sum(axis=-1, keepdims=True)
             far = np.abs(2 * sides - 1).max(axis=-1, keepdims=True)
@@ -261,7 +270,8 @@ class Interval:
 
         The corners of a box, and two terms of the path without an adversary: a share s of the interval later the state
         is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order. Behind
-        them, half of each segment that components of v which move several axes add to the box (`VectorField.oblique`).
+        them, half of each segment that components of v which move several axes add to the box (`VectorField.oblique`);
+        or the greatest n . x of the states x at the end for each of the `normals` n, ndim of them in a term.
         """
         if self.dynamics.stateless:
             return self._alike.copy()  # compiled look-ups take it in place of what they write
@@ -286,11 +296,55 @@ class Interval:
     def _ahead(self, states: Any, begin: Any) -> Any:
         """`ahead` with the states first: (M, 4, L, ndim); the hull over early ends, widened by `wider`."""
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
+        if (normals := self.normals).size:
+            ways = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
+            ends = [replace(self, delta=delta)._farthest(states, begin, ways) for delta in lasting]
+            far = np.maximum.reduce(ends) + np.abs(ways) @ (self.wider + np.zeros(self.grid.ndim))
+            moved, later = self._moves(states, begin)
+            terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
+            low, high, *more = np.split(terms, terms.shape[2] // self.grid.ndim, axis=2)
+            return np.stack([-low, high, *np.broadcast_arrays(moved, later - moved), *more], axis=1)
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
         moved, later = self._moves(states, begin)
         segments = [self.delta * half for half in self._halves(states, begin)]
         return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
+
+    @kept
+    def normals(self) -> FloatArray:
+        """Normals of the planes that states end between where v is cut into pieces, (K, ndim), apart from the axes.
+
+        In the plane of each two axes that a component moves, `FAN` for each of its pieces, evenly apart as nodes are.
+        The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
+        each normal is known; the more pieces, the less is between the planes beside that hull.
+        """
+        dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
+        pieces = math.prod(dynamics.cuts(range(ndim)))
+        for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
+            most = max(dynamics.cuts(pair))
+            ways = min(FAN * most, MOST_WAYS)
+            for k in range(ways if most > 1 else 0):
+                if 4 * k % ways:  # not along an axis
+                    normal = np.zeros(ndim)
+                    normal[list(pair)] = np.cos(angle := 2 * np.pi * k / ways), np.sin(angle)
+                    found.append(normal / self.grid.spacing)
+        return np.array(found).reshape(-1, ndim)
+
+    def _farthest(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
+        """The greatest n . x of the states x at the end, relative to the states, for each way n: (M, L, ways)."""
+        dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
+        if dynamics.stateless:
+            times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
+            shares = self.delta * (WEIGHTS / 2 if dynamics.timed else np.ones(1))
+            nothing = np.zeros((1, self.grid.ndim))
+            each = [[dynamics.along(nothing, j, t, ways) for t in times.tolist()] for j in count]
+            return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
+        instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
+        centre, points, far = self._moves(states, begin)[1], self.grid.wrapped(states), []
+        for j in count:
+            beyond = [dynamics.along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants]
+            far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
+        return np.stack(far, axis=1)
 
     def _halves(self, states: Any, begin: Any) -> list[Any]:
         """Of each component of v that moves several axes, half of what it adds to the velocity: each (M, L, ndim)."""
@@ -382,8 +436,10 @@ class Interval:
 
     @property
     def held(self) -> FloatArray:
-        """The walls at which states may end outside the sum of segments: (2, ndim), infinite where there is none."""
+        """The walls at which states may end outside the sum of segments or past planes: (2, ndim), else infinite."""
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
+        if self.normals.size:
+            walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
         if dynamics.oblique and dynamics.stateless:
             pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
             past = np.array([[-np.inf], [np.inf]])

@@ -83,7 +83,8 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
     Structures of formulas and all names must be equal, constants agree to 1e-12 of them (`sdhj.formulas.text.alike`),
     inputs and values of black boxes to 1e-12 of the largest.
     """
-    pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time", "sensing")}
+    pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
+    pairs["sensing"] = head["sensing"].told, problem.sensing.told
     pairs |= {n: (getattr(head["grid"], n), getattr(problem.grid, n)) for n in LAYOUT}
     pairs |= {"name": (head["problem"], problem.name), "sets": (head["sets"], problem.numbers["sets"])}
     if problem.dynamics.is_cut:

@@ -112,6 +112,16 @@ class Sampled(Statement):
 
         Without a target, L(t_k) is the grid up to its unsafe ends.
 
+        Parameters
+        ----------
+        step : int
+            k, from 0 to N.
+
+        Returns
+        -------
+        array of shape grid.shape
+            <= 0 in the set.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -153,6 +163,18 @@ class Sampled(Statement):
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of the target at states (M, ndim), without interpolation: (M,).
 
+        Parameters
+        ----------
+        points : (M, ndim) array
+            States, in the units of the grid's axes.
+        t : float
+            The time, s.
+
+        Returns
+        -------
+        (M,) array
+            In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -inf.
+
         Raises
         ------
         ValueError
@@ -171,6 +193,21 @@ class Sampled(Statement):
         """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
 
         inputs (M,): the numbers of what is applied there; without them sets count that are unsafe under all inputs.
+
+        Parameters
+        ----------
+        points : (M, ndim) array
+            States, in the units of the grid's axes.
+        t : float
+            The time, s.
+        inputs : (M,) int array, optional
+            Indices into problem.inputs of what is applied there, for sets that are unsafe under some inputs only. By
+            default the sets count that are unsafe under all.
+
+        Returns
+        -------
+        (M,) array
+            In the unit of the sets' functions, m if these are distances; <= 0 is a collision.
 
         Raises
         ------

@@ -23,13 +23,17 @@ where A holds the Lipschitz constants of the velocity, axis by axis, and b the m
 * W_k^n: M_k^n shrunk by E, the states all of whose predictions are in M_k^n. The guarantee for a state is W.
 
 *Memory.* Here each prediction is judged by itself, so an error costs the same in every step, however little an input
-changes in one, and tables at a high rate are empty. With `memory=True` the controller carries a point c from step to
-step, with the promise that the state is in c +- E. Let [L, H] hold, axis by axis, all that c +- E can lead to under the
-input. The next c is the prediction, clipped to [L + E, H - E] (the middle where that is empty): the state is in it
-again +- E, because it is in [L, H] and within E of the prediction. So in place of "shrunk by E" in K, the box [L, H] of
-a point is shrunk: M_k^n are the points c for which one u is right for every state of c +- E and leads to points of
-M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select` with every new prediction does not,
-and is promised nothing by such a table beyond the step.
+changes in one, and tables at a high rate are empty. With `memory=True`, the default, the controller carries a point c
+from step to step, with the promise that the state is in c +- E. Let [L, H] hold, axis by axis, all that c +- E can lead
+to under the input. The next c is the prediction, clipped to [L + E, H - E] (the middle where that is empty): the state
+is in it again +- E, because it is in [L, H] and within E of the prediction. So in place of "shrunk by E" in K, the box
+[L, H] of a point is shrunk: M_k^n are the points c for which one u is right for every state of c +- E and leads to
+points of M_{k+1}^{n-1} only. `Controller.step` is the loop that remembers; who asks `select` with every new prediction
+does not, and is promised nothing by such a table beyond the step: `memory=False` is for who cannot remember.
+
+On an axis along which all of [L, H] is held at a wall the state is known: the next c is at the wall, and its box has no
+width there. So who brakes until nothing it can have come to moves stands, whatever it measures; a first measurement
+that happens to be 0 says nothing of the kind. Certified tables count on that (`sdhj.certified.cells`).
 
 Chapter 16 of the course proves by induction that the robot reaches the target from W_k^n within n steps and can tell,
 says how much is lost (each prediction is judged by itself), and gives the sets in closed form for dq = u + v. Grids
@@ -62,7 +66,8 @@ class Sensing:
         Index into problem.inputs of the input that is held before the first chosen one starts.
     memory : bool
         Whether the controller remembers from step to step what the state can be (*Memory* in `sdhj.problem.sensing`):
-        larger sets, the more the higher the rate, for control loops that ask `Controller.step`. Not in C.
+        larger sets, the more the higher the rate, for control loops that ask `Controller.step`, or `sdhj_step` in C. A
+        loop that asks `select` or `filter` with each new measurement needs memory=False.
 
     Raises
     ------
@@ -77,16 +82,16 @@ class Sensing:
     >>> import sdhj
     >>> problem = sdhj.arm_case_study(nodes=15, steps=3)
     >>> sensed = replace(problem, sensing=sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01))
-    >>> remembers = replace(problem, sensing=replace(sensed.sensing, memory=True))
-    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, remembers)]
-    [0.19, 0.07, 0.15]
+    >>> forgets = replace(problem, sensing=replace(sensed.sensing, memory=False))
+    >>> [round(sdhj.solve(each).fraction(start=0, within=3), 2) for each in (problem, sensed, forgets)]
+    [0.19, 0.15, 0.07]
     """
 
     error: Any = 0.0
     delay: float = 0.0
     jitter: float = 0.0
     rest: int = 0
-    memory: bool = False
+    memory: bool = True
 
     def __post_init__(self) -> None:
         """Check the numbers; ValueError where one does not fit."""
@@ -105,6 +110,11 @@ class Sensing:
     def __bool__(self) -> bool:
         """Whether there is any error, delay or jitter."""
         return bool(np.any(self.error) or self.delay or self.jitter)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a table is for a controller that remembers: it may, and there is something to remember."""
+        return self.memory and bool(self)
 
     @property
     def told(self) -> dict[str, Any]:

@@ -193,6 +193,8 @@ class UnsafeSet:
             Where the polygon's frame is, if it moves.
         outside : bool
             Whether it is a fence: what is outside of the polygon is unsafe, rather than what is inside.
+        name : str
+            For messages and pictures.
 
         Raises
         ------
@@ -237,12 +239,35 @@ class UnsafeSet:
         outside: bool = False,
         name: str = "box",
     ) -> "UnsafeSet":
-        """The box from its lower left corner (x, y) to the upper right one, m; else as `polygon`.
+        """The box from its lower left corner (x, y) to the upper right one.
+
+        Parameters
+        ----------
+        lower, upper : (float, float)
+            The two corners, m.
+        axes : sequence of int
+            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
+            footprint; or those that the poses are functions of.
+        radius : float
+            By which it is enlarged, m: that of a disk-shaped robot.
+        footprint : array (K, 2), Body, or a sequence of Body, optional
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
+        pose : callable (points (M, axes), t) -> (x, y, heading), optional
+            Where the box's frame is, m and rad, if it moves; t in s.
+        outside : bool
+            Whether it is a fence: what is outside of the box is unsafe, rather than what is inside.
+        name : str
+            For messages and pictures.
+
+        Returns
+        -------
+        UnsafeSet
+            Its level set is the signed distance, m, exact outside.
 
         Raises
         ------
         ValueError
-            If `lower` is not below `upper` in both coordinates, or as `polygon`.
+            If `lower` is not below `upper` in both coordinates; if a footprint has no three axes to move with.
         ImportError
             If Shapely is not installed.
 
@@ -272,12 +297,34 @@ class UnsafeSet:
         pose: Pose | None = None,
         name: str = "disk",
     ) -> "UnsafeSet":
-        """The disk with a centre (x, y) and a radius, m; else as `polygon`.
+        """The disk with a centre (x, y) and a radius.
+
+        Parameters
+        ----------
+        centre : (float, float)
+            m
+        radius : float
+            m; for a disk-shaped robot the sum of both radii.
+        axes : sequence of int
+            The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
+            footprint; or those that the poses are functions of.
+        footprint : array (K, 2), Body, or a sequence of Body, optional
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
+        pose : callable (points (M, axes), t) -> (x, y, heading), optional
+            Where the disk's frame is, m and rad, if it moves; t in s.
+        name : str
+            For messages and pictures.
+
+        Returns
+        -------
+        UnsafeSet
+            Its level set is the signed distance, m, exact outside.
 
         Raises
         ------
         ValueError
-            If the centre is no pair of numbers or the radius is negative, or as `polygon`.
+            If the centre is no pair of numbers or the radius is negative; if a footprint has no three axes to move
+            with.
 
         Examples
         --------
@@ -339,6 +386,21 @@ class Solved(Protocol):
 class TargetSet:
     """The target L (Eq. 3), of some axes of the grid: `level_set(points (M, len(axes)), t)` is <= 0 in it at time t.
 
+    Parameters
+    ----------
+    axes : sequence of int
+        The axes of the grid that the function depends on, numbered from 0, ascending.
+    level_set : callable (points (M, len(axes)), t) -> (M,)
+        Takes coordinates on these axes and the time in s; <= 0 in the target, > 0 outside, ideally the signed distance.
+    name : str
+        For messages and pictures.
+
+    Raises
+    ------
+    ValueError
+        If an argument does not fit, here or when the target is given to a problem; or if a function cannot be read as a
+        formula, with the line that cannot, and what to write instead.
+
     Examples
     --------
     A disk of radius 0.5 m about the origin:
@@ -382,7 +444,21 @@ class TargetSet:
         cover it. Rounding at the handover may move a state out of them by what it may in three steps
         (`sdhj.certified.cells.DRIFT`), within the slack of every certified set.
 
-        ValueError if `table` is not a table, or does not have `within` steps.
+        Parameters
+        ----------
+        table : Table
+            Solved, or loaded, before.
+        within : int, optional
+            The most steps that its robot may take; by default all that are left.
+
+        Returns
+        -------
+        TargetSet
+
+        Raises
+        ------
+        ValueError
+            If `table` is not a table, or does not have `within` steps.
 
         Examples
         --------

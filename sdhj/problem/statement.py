@@ -63,6 +63,11 @@ class Statement(Remembering):
     def time(self, step: int) -> float:
         """Time at which the input of step k takes effect, in s: k delta, plus the delay if there is a `Sensing`.
 
+        Parameters
+        ----------
+        step : float
+            k, from 0 to N; parts of a step count.
+
         Examples
         --------
         With the robot on a line of `help(sdhj)`:
@@ -88,7 +93,7 @@ class Statement(Remembering):
             return nothing, nothing
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
-        if sensing.memory:
+        if sensing.remembers:
             return box, self.error_growth - push * sensing.hold(self.delta)[0]
         return box, box + growth_bound(slope, jumps, box, self.delta + 2 * sensing.jitter)
 

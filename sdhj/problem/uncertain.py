@@ -29,7 +29,7 @@ def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
     That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.
     """
     grown = problem.half_widths[1]
-    if not problem.sensing.memory:
+    if not problem.sensing.remembers:
         return shrunk(problem, values)
     if not grown.any():
         return values

@@ -28,6 +28,10 @@ RECKLESS = 5  # intervals for which a reckless commander looks ahead, twice in e
 class Moment:
     """An adversary's view of M simultaneous runs at the start of a substep.
 
+    An adversary of your own is a function of a `Moment` that returns the disturbance (M, D) of each run during the
+    substep, between -`bounds` and `bounds` (M, D); it is given to `sdhj.simulate` or `sdhj.monte_carlo`, which raise
+    ValueError where it exceeds them.
+
     Attributes
     ----------
     problem : ReachAvoidProblem

@@ -9,9 +9,10 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.checks import finite_array
-from sdhj.simulation.adversaries import Adversary, first_moment
-from sdhj.simulation.outcomes import OUTCOMES, UNDECIDED, play_interval
+from sdhj.simulation.adversaries import Adversary
+from sdhj.simulation.outcomes import OUTCOMES, UNDECIDED
 from sdhj.simulation.runs import admissible_states, adversary_of
+from sdhj.simulation.sensed import Runs
 from sdhj.table.batches import Table
 from sdhj.table.controller import Controller
 
@@ -27,8 +28,10 @@ DRAWN = 256  # start states drawn; the first one outside the target is used
 class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     """A Gymnasium environment whose episode is one run of the robot, with one action for each sampling interval.
 
-    The observation is the state (periodic coordinates wrapped into the grid) followed by the step; an action is an
-    index into problem.inputs. An episode terminates when the run reaches the target at a sampling time (reward 1),
+    The observation is the state (periodic coordinates wrapped into the grid) followed by the step; where the table was
+    solved with `Sensing`, in place of the state what `Controller.step` takes it to be when the next input starts, a
+    prediction or, where the controller remembers, the point that it carries on. An action is an index into
+    problem.inputs. An episode terminates when the run reaches the target at a sampling time (reward 1),
     collides or leaves the grid (reward -1), as in `sdhj.simulate`, and is truncated after the last step (reward 0).
 
     `info` has "outcome": "reached", "collided", "off the grid" or "late", or "" while the run goes on; "action_mask",
@@ -49,7 +52,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     Raises
     ------
     ValueError
-        If `table` is not a table, `adversary` is not an adversary, or the table was solved with `Sensing`.
+        If `table` is not a table, or `adversary` is not an adversary.
 
     Examples
     --------
@@ -68,15 +71,13 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Spaces for a table's states and inputs; ValueError for a table with sensing."""
+        """Spaces for a table's states and inputs."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
-        if table.problem.sensing:
-            raise ValueError("an agent observes the exact state without delay: use a table solved without sensing")
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
         self.observation_space = gymnasium.spaces.Box(self.low, self.high, dtype=np.float64)
         self.action_space = gymnasium.spaces.Discrete(len(table.problem.inputs))
-        self.table, self.now, self.state, self.outcome = table, 0, np.zeros(grid.ndim), "late"
+        self.table, self.now, self.outcome = table, 0, "late"
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -85,10 +86,12 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         super().reset(seed=seed)
         problem = self.table.problem
         if options and "state" in options:
-            self.state = finite_array("options['state']", options["state"], (problem.grid.ndim,))
+            state = finite_array("options['state']", options["state"], (problem.grid.ndim,))
         else:
             drawn = admissible_states(self.controller, DRAWN, self.np_random)
-            self.state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
+            state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
+        sensing = problem.sensing
+        self.runs = Runs(self.controller, state[None], self.play, self.np_random, sensing, None, ever=False, led=False)
         self.now, self.outcome = 0, ""
         return self._observed(), self._info()
 
@@ -101,30 +104,20 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             raise ValueError("the run is over; call reset()")
         if not self.action_space.contains(action):
             raise ValueError(f"an action must be an int from 0 to {len(self.table.problem.inputs) - 1}, got {action!r}")
-        applied = int(self.controller.filter(self.state, self.now, int(action)).inputs if self.shield else action)
-        problem, now, end, states = self.table.problem, self.now, self.now + 1, self.state[None]
-        time, inputs, runs = problem.time(now), np.array([applied]), np.array([0])
-        to_go, left = self.table.batch(states, now).steps_to_go, np.array([self.table.steps - end])
-        begun = first_moment(self.table, problem, states, inputs, to_go, now, time, runs, self.np_random, left)
-        states, ended, _ = play_interval(begun, self.play, None)
-        self.state, self.now = states[0], end
-        if ended[0] != UNDECIDED:
-            self.outcome = OUTCOMES[ended[0]]
-        elif (
-            end == self.table.steps
-            if problem.has_no_target
-            else problem.target_value(states, problem.time(end))[0] <= 0
-        ):
-            self.outcome = "reached"
-        elif end == self.table.steps:
-            self.outcome = "late"
+        runs, now, end, last = self.runs, self.now, self.now + 1, self.now + 1 == self.table.steps
+        known, rows = runs.predictions, np.array([0])
+        applied = int(self.controller.filter(known[0], now, int(action)).inputs if self.shield else action)
+        runs.go(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
+        runs.under_way(end, last)
+        self.now = end
+        self.outcome = OUTCOMES[runs.outcomes[0]] if runs.outcomes[0] != UNDECIDED else "late" if last else ""
         finished, late = self.outcome != "", self.outcome == "late"
         info = self._info() | {"applied": applied, "overruled": applied != int(action)}
         return self._observed(), REWARDS[self.outcome], finished and not late, late, info
 
     def _observed(self) -> FloatArray:
-        """The observation: the state, wrapped and clipped to the grid, and the step."""
-        state = self.table.grid.wrapped(self.state[None])[0]
+        """The observation: what is known of the state, wrapped and clipped to the grid, and the step."""
+        state = self.table.grid.wrapped(self.runs.predictions)[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
@@ -133,6 +126,6 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}
         each = np.arange(len(mask))
-        told = self.controller.filter(np.repeat(self.state[None], len(mask), axis=0), self.now, each)
+        told = self.controller.filter(np.repeat(self.runs.predictions, len(mask), axis=0), self.now, each)
         mask[:] = ~told.changed
         return {"outcome": "", "action_mask": mask, "promised": bool(told.promised[0])}

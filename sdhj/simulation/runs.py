@@ -134,6 +134,15 @@ class Report:
     def rate(self, outcome: str) -> float:
         """The share of the runs that had this outcome.
 
+        Parameters
+        ----------
+        outcome : str
+            A key of `counts`: "reached", "collided", "left", "late", "off the grid".
+
+        Returns
+        -------
+        float, from 0 to 1
+
         Raises
         ------
         KeyError
@@ -150,6 +159,15 @@ class Report:
 
     def interval(self, outcome: str) -> tuple[float, float]:
         """95% confidence interval of the rate of an outcome (Wilson's score interval).
+
+        Parameters
+        ----------
+        outcome : str
+            A key of `counts`: "reached", "collided", "left", "late", "off the grid".
+
+        Returns
+        -------
+        (float, float), each from 0 to 1
 
         Raises
         ------
@@ -272,11 +290,12 @@ def monte_carlo(
     ----------
     controller, runs : Controller, int
     adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
-        As for `simulate`, for M runs at once. One of your own is called from one thread only.
+        Who chooses the disturbances of M runs at once: see `simulate`. One of your own is called from one thread only.
     seed : int
         The same seed gives the same report, whatever the number of threads.
     steps : int, optional
-        As for `simulate`.
+        How many steps to simulate, if nothing depends on time; by default those of the table, or 100 if it stays clear
+        for ever.
     sensing : Sensing
         The errors and delays to simulate; by default those that the table was solved for.
     progress : bool, optional

@@ -24,7 +24,7 @@ from sdhj.table.beside import predicted
 from sdhj.table.controller import Controller
 
 
-class _Runs:
+class Runs:
     """The closed loop of M robots, from where their first inputs start."""
 
     def __init__(
@@ -36,15 +36,19 @@ class _Runs:
         sensing: Sensing,
         watch: Watch | None,
         ever: bool,
+        led: bool = True,
     ) -> None:
-        """Runs from starts (M, ndim), measured and misled as the sensing allows; `watch` is told of each substep."""
-        self.ever = ever  # every step uses the tubes of step 0: nothing depends on time
+        """Runs from starts (M, ndim), measured and misled as the sensing allows; `watch` is told of each substep.
+
+        led : whether the controller chooses all inputs, for the fewest steps; else adversaries count all that are left.
+        """
+        self.led, self.ever = led, ever  # ever: every step uses the tubes of step 0, as nothing depends on time
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
         self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
         self.controller, self.play, self.rng, count = controller, play, rng, len(starts)
         same = sensing == controller.problem.sensing
-        self.remembers = controller.problem.sensing.memory
+        self.remembers = controller.problem.sensing.remembers
         self.problem = controller.problem if same else replace(controller.problem, sensing=sensing)
         self.states, self.offsets = starts.copy(), np.zeros(count, np.int64)
         self.outcomes, self.taken = np.full(count, UNDECIDED), np.zeros(count, np.int64)
@@ -101,11 +105,12 @@ class _Runs:
     def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
         """The first moment of an interval."""
         step, table = 0 if self.ever else number, self.controller.table
-        left = np.full(rows.size, table.steps - step - 1) if self.controller.all_left else None
+        every = self.controller.all_left or not self.led
+        left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
-    def interval(self, number: int, last: bool) -> None:
-        """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
+    def under_way(self, number: int, last: bool) -> FloatArray:
+        """End the runs that have reached the target before an interval; those that go on, (R,)."""
         problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
         reached = np.full(alive.size, problem.has_no_target and last)
         if alive.size and not problem.has_no_target:
@@ -114,14 +119,22 @@ class _Runs:
                 known = self.controller.batch(self.predictions[alive[reached]], step).steps_to_go == 0
                 reached[reached] = known
         self.outcomes[alive[reached]] = REACHED
-        alive = alive[~reached]
+        return alive[~reached]
+
+    def interval(self, number: int, last: bool) -> None:
+        """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
+        alive, step = self.under_way(number, last), 0 if self.ever else number
         if last or not alive.size:
             return
         batch = self.controller.batch(self.predictions[alive], step)
         inputs = self.controller.choose(batch, self.held[alive])
         self.outcomes[alive[inputs < 0]] = LEFT
-        rows, to_go, inputs = alive[inputs >= 0], batch.steps_to_go[inputs >= 0], inputs[inputs >= 0]
-        ends = np.zeros(rows.size, np.int64)
+        self.go(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
+
+    def go(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
+        """Simulate some runs (R,) for an interval under inputs (R,), which have so many steps to go."""
+        problem = self.problem
+        ends: FloatArray = np.zeros(rows.size, np.int64)
         if problem.sensing and rows.size:
             answer = self.shift(self.first(number, problem.time(number), rows, inputs, to_go))
             ends = real_array("what the adversary's shift returns", answer, rows.shape)
@@ -173,7 +186,7 @@ def rollouts(
     `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
-    runs = _Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)
+    runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)
     for offset in np.unique(runs.offsets):
         some = np.flatnonzero(runs.offsets == offset)
         runs.outcomes[some[runs.problem.unsafe_value(starts[some], runs.begins(0, offset)) <= 0]] = COLLIDED

@@ -42,6 +42,11 @@ class HJI(Options):
         moving frame, because they would move differently in it for each input, so it is as inaccurate as
         `Scheme(frame="fixed")`: it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
 
+    Raises
+    ------
+    ValueError
+        If an option is none of these; by `sdhj.solve` if the method does not fit the problem.
+
     Examples
     --------
     The share of the states from which the target is reached within 3 steps, by the games apart and by the joint one:
@@ -95,6 +100,11 @@ class HopfLax(Options):
     interpolation : {"limited", "linear"}
         How functions are interpolated between nodes: to third order, or linearly (`sdhj.solver.hopf_lax`).
     dtype : {"float32", "float64"}
+
+    Raises
+    ------
+    ValueError
+        If an option is none of these; by `sdhj.solve` if velocities depend on the state.
 
     Examples
     --------

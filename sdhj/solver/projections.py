@@ -320,6 +320,11 @@ class Projected(Options):
     inner : HJI or HopfLax, optional
         The method that solves the games on the subspaces.
 
+    Raises
+    ------
+    ValueError
+        If `inner` is none of these; by `sdhj.solve` if the grid has one axis, or not those of `subspaces`.
+
     Examples
     --------
     Beside the games on the whole grid, which take longer and win more:

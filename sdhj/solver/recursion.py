@@ -347,7 +347,7 @@ def _reach_sets(
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
     inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
-    kept = (lambda phi: phi) if problem.sensing.memory else (lambda phi: shrunk(problem, phi))
+    kept = (lambda phi: phi) if problem.sensing.remembers else (lambda phi: shrunk(problem, phi))
     yield from in_eights(problem.grid, ((j, kept(phi[inner])) for j, phi in reach_sets))
 
 

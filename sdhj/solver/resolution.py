@@ -69,7 +69,7 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
 def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
     """Find an axis along which, without memory, an interval costs 2 E, as much as inputs change in it or more."""
     sensing, grid = problem.sensing, problem.grid
-    if not sensing or sensing.memory:
+    if not sensing or sensing.remembers:
         return None
     states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (STATES, grid.ndim))
     still, t = np.zeros((STATES, problem.dynamics.adversaries)), problem.time(0)

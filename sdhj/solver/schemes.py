@@ -81,6 +81,11 @@ class Scheme(Options):
         otherwise: finite differences for everything.
     dtype : {"float32", "float64"}
 
+    Raises
+    ------
+    ValueError
+        If an option is none of these.
+
     Notes
     -----
     Orders 2 and 3 choose, at each node, the difference that is smaller (Osher and Shu). Ties are broken alike in mirror

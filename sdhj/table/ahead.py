@@ -75,7 +75,7 @@ def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: F
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
     queue, _, hazard, points, _, level, there = samples
-    given = batch.within, batch.states, rows, (ints, floats), (ends, scores), out, samples
+    given = batch.within, batch.states, rows, (ints, floats), (ends, scores, table.normals), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]

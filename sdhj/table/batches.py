@@ -142,7 +142,15 @@ class Table:
     def played(self, runs: int = 1000, adversary: Any = "worst", seed: int = 0, steps: int | None = None) -> Any:
         """Simulate runs from the whole tube, to see how many of the table's promises are broken.
 
-        `runs`, `adversary`, `seed` and `steps` are those of `sdhj.monte_carlo`.
+        Parameters
+        ----------
+        runs : int
+        adversary : {"worst", "greedy", "aggressive", "random", "none"} or callable (Moment) -> (M, D)
+            Who chooses the disturbance: see `sdhj.simulate`.
+        seed : int
+            The same seed gives the same runs.
+        steps : int, optional
+            How many to simulate, if nothing depends on time; by default the table's, or 100 if it stays clear for ever.
 
         Returns
         -------
@@ -152,7 +160,7 @@ class Table:
         Raises
         ------
         ValueError
-            As `sdhj.monte_carlo`.
+            If an option is invalid, an adversary exceeds its bounds, or the tube is empty.
 
         Examples
         --------
@@ -173,8 +181,10 @@ class Table:
         ----------
         q : (ndim,)
             The state, in the units of the grid's axes.
-        step, within : int
-            As `start` and `within` of `contains`.
+        step : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - step.
 
         Returns
         -------
@@ -263,6 +273,13 @@ class Table:
 
         It is the share of the grid's volume, counted by nodes, or by cells for a certified table.
 
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
+
         Raises
         ------
         ValueError
@@ -309,6 +326,20 @@ class Table:
         that make progress, with within = N - step all after which the target can still be reached. Without a target,
         N - step is used. ValueError also where a state has a NaN or an infinity.
 
+        Parameters
+        ----------
+        states : (M, ndim) array
+            In the units of the grid's axes.
+        step : int
+            The one step k at which they all are, from 0 to N.
+        within : int, optional
+            n: which inputs count as safe, as above; by default those that make progress.
+
+        Returns
+        -------
+        Batch
+            `steps_to_go` (M,), -1 in no tube; `safe` (M, L) bool; `margins` (M, L), <= 0 where the next tube holds.
+
         Raises
         ------
         ValueError
@@ -351,6 +382,12 @@ class Table:
             self._answer(batch, rows, ends)
         settle(self, batch, rows, ends, scores, checks)
 
+    @cached_property
+    def normals(self) -> FloatArray | None:
+        """Normals of the planes that inputs lead between (`Interval.normals`); None where there are none."""
+        normals = self.problem.interval(0).normals
+        return normals if normals.size and not self.proved else None
+
     def packed_at(self, step: int) -> Tape:
         """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps."""
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step
@@ -389,7 +426,9 @@ class Table:
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Between what points a controller goes on that remembers, two (M, ndim), and E, (ndim,).
+        """Between what points a controller goes on that remembers, and how far off measurements may be: (M, ndim).
+
+        Of the last one also (ndim,). It is 2 E, or E where the state is known to be at a wall.
 
         points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
         """
@@ -405,7 +444,7 @@ class Table:
                 states = interval.advance(states, inputs, still, t, length / STRIDES)
             ends.append(states)
         low, high = np.min(ends, axis=0) - problem.error_growth, np.max(ends, axis=0) + problem.error_growth
-        return self.grid.clipped(low), self.grid.clipped(high), problem.half_widths[0]
+        return self.grid.clipped(low), self.grid.clipped(high), 2 * problem.half_widths[0]
 
     def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
@@ -418,9 +457,9 @@ class Table:
         """
         low, high, off = self.next_bounds(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
-        turns = np.where(periodic, np.round((seen - (low + high) / 2) / length), 0.0) * length
+        turns = np.where(periodic, np.floor((seen - (low + high) / 2) / length + 0.5), 0.0) * length
         anywhere, near = periodic & (high - low >= length), seen - turns
-        far = 2 * off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
+        far = off + POINT_ROUNDING * np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
         held = anywhere | ((near >= low - far) & (near <= high + far))  # not where they are unknown
         lost = ~held.all(axis=1)
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
@@ -478,6 +517,15 @@ class Table:
 
         A table on a grid interpolates, and beyond a wall uses the value at the wall; the true sets are not checked.
         `within` (M,) is clipped to the range from 0 to N - step.
+
+        Parameters
+        ----------
+        points : (M, V, ndim) array
+            In the units of the grid's axes.
+        step : int
+            The step k, from 0 to N.
+        within : (M,) int array
+            The steps to go of each row's tube.
 
         Raises
         ------

@@ -28,6 +28,8 @@ DEPTH_KEPT = 0.8  # the share of the deepest one's depth, by the game's value, t
 class NotAdmissible(ValueError):
     """No tube of this step contains the state: no safe way to the target in the steps that are left is known.
 
+    Raised by `Controller.select` and others; `Controller.fallback` answers for any state, `table.explain(q)` says why.
+
     Examples
     --------
     >>> import sdhj
@@ -81,7 +83,7 @@ class Controller:
     to N; ValueError if one does not fit. If nothing depends on time, the step may be omitted: the answer for step 0 is
     valid at any time, so a robot may run without end. Queries of single states may come from several threads at once,
     also while a solve runs. With `Sensing`, states are predictions, made by `predict`; `step` does all that a control
-    loop needs. With `Sensing(memory=True)` it is the only loop that is promised anything: it carries a point on.
+    loop needs. With `Sensing`, unless memory=False, no other loop is promised anything: it carries a point on.
 
     Parameters
     ----------
@@ -163,8 +165,14 @@ class Controller:
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
         """The inputs that are safe from a state: whatever the adversary does, they stay clear and lead to the target.
 
-        Each leads into the tube of one step less, or from the target back into it. `q` and `step` are those of
-        `steps_to_go`.
+        Each leads into the tube of one step less, or from the target back into it.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
 
         Returns
         -------
@@ -192,8 +200,16 @@ class Controller:
         """The input to apply until the next measurement: of the safe ones, that of least score by the rule.
 
         Where `safe_inputs` is empty, just inside the boundary of a tube, it is the input that comes closest to being
-        safe, without a promise; `batch(q[None], step).promised` tells. `q` and `step` are those of `steps_to_go`;
-        `before` is the input held until now, an index, which a rule may heed; -1 if there is none.
+        safe, without a promise; `batch(q[None], step).promised` tells.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+        before : int
+            Index of the input held until now, which a rule may heed; -1 if there is none.
 
         Returns
         -------
@@ -232,9 +248,24 @@ class Controller:
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
         """The input that stays clear of the unsafe sets best in the next interval, for any state; ignores the target.
 
-        For states that no tube contains, on the grid or off it. `q` and `step` are those of `steps_to_go`. The input of
-        the `Fallback` is an index into problem.inputs, and its `steps` says whether staying clear is promised.
-        ValueError also at the last step.
+        For states that no tube contains, on the grid or off it.
+
+        Parameters
+        ----------
+        q : (ndim,) array
+            The state, in the units of the grid's axes.
+        step : int, optional
+            The step k at which the robot is in q, from 0 to N; may be omitted if nothing depends on time.
+
+        Returns
+        -------
+        Fallback
+            `input`, an index into problem.inputs, and `steps`, for how many staying clear is promised; 0: for none.
+
+        Raises
+        ------
+        ValueError
+            If q or step does not fit, and at the last step N, after which no input is held.
 
         Examples
         --------
@@ -310,7 +341,8 @@ class Controller:
         """Where a state measured at step k will be when the input of step k takes effect, one delay later.
 
         With a `Sensing`, tables are solved for these predictions: `select(predict(y, j, k), k)` answers a measurement y
-        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j.
+        of step k, while the input j of step k - 1 still acts. `step` does this, and remembers j. With memory=False that
+        is a loop as good as `step`; else it is promised nothing, as the table counts on what `step` carries on.
 
         Parameters
         ----------
@@ -352,8 +384,17 @@ class Controller:
     def admissible(self, measurement: FloatArray, previous: Any = None, step: int | None = None) -> Any:
         """Whether a state measured at step k keeps the promise of all the remaining steps: what to ask before a run.
 
-        Arguments and errors are those of `predict`. It is asked of the prediction: `table.contains` speaks of the state
+        It is asked of the prediction (`predict`): `table.contains` speaks of the state
         when the input of the step starts, where the robot has moved on by the delay under the previous input.
+
+        Parameters
+        ----------
+        measurement : (ndim,) or (M, ndim) array
+            One measured state, or many, in the units of the grid's axes.
+        previous : int or (M,) int, optional
+            Index into problem.inputs of the input that acts until the one of this step does; by default `Sensing.rest`.
+        step : int, optional
+            k, from 0 to N; may be omitted if nothing depends on time.
 
         Returns
         -------
@@ -385,6 +426,18 @@ class Controller:
         For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
         NotAdmissible is raised.
 
+        Parameters
+        ----------
+        measurement : (ndim,) array
+            The measured state, in the units of the grid's axes.
+        time : float
+            When it was taken, s after the loop began: near 0 for the first.
+
+        Returns
+        -------
+        Action
+            `input`, an index into problem.inputs, `promised`, whether the way to the target is, and `arrived`.
+
         Raises
         ------
         NotAdmissible
@@ -395,6 +448,9 @@ class Controller:
         -----
         At the last step N no interval is left to hold an input over: the answer says whether the run has arrived
         (`Action.arrived`), and its input is `Sensing.rest`, of which nothing is promised.
+
+        A certified table leads into the target itself, where a cell need not be inside as a whole. So after an input
+        with one step to go, or where nothing is proved of the cell, the state is looked up in the true target, too.
 
         Examples
         --------
@@ -420,7 +476,7 @@ class Controller:
         step, previous = k if self.timed else 0, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
-        if problem.sensing.memory and last and not missed and self.remembered:
+        if problem.sensing.remembers and last and not missed and self.remembered:
             kept, lost = self.table.next_points(
                 self.remembered[0][None], np.array([last.input]), self.remembered[1], state[None]
             )
@@ -431,14 +487,24 @@ class Controller:
             step = steps + 1 - left  # not for as long again, but for what is left of what was promised
             batch = self.batch(state[None], step)
         chosen, to_go = int(self.choose(batch, held)[0]), int(batch.steps_to_go[0])
+        ends = to_go == NOT_ADMISSIBLE or bool(to_go and last and last.steps_to_go == 1)
+        arrived = ends and self.table.proved and self._in_target(state, step)
+        to_go = 0 if arrived else to_go
         if step == steps:
             chosen = problem.sensing.rest
         elif chosen == NOT_ADMISSIBLE:
-            chosen = self.fallback(state, step).input if fallback else self.select(state, step)
+            chosen = self.fallback(state, step).input if fallback or arrived else self.select(state, step)
         promised = bool(batch.promised[0]) and not missed
         self.remembered = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
+
+    def _in_target(self, state: FloatArray, step: int) -> bool:
+        """Whether a state (ndim,) is known to be in the target, clear of the unsafe sets, whatever its cell is."""
+        problem, t, points = self.problem, self.problem.time(step), self.problem.grid.wrapped(state[None])
+        if problem.has_no_target or problem.sensing or problem.grid.beyond(points, "fails", "holds", "frees")[0]:
+            return False
+        return bool(problem.target_value(points, t)[0] <= 0.0 < problem.unsafe_value(points, t)[0])
 
     # ---- many states
 
@@ -484,9 +550,10 @@ class Controller:
         Parameters
         ----------
         q : (ndim,) or (M, ndim) array
-            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements.
+            One state, or many, at the moment when the input starts: with a delay, what `predict` makes of measurements,
+            each judged by itself, which needs `Sensing(memory=False)` to be promised anything beyond the step.
         step : int, optional
-            As for `steps_to_go`.
+            The step k at which the robot is in q, from 0 to N - 1; may be omitted if nothing depends on time.
         wanted : int or (m,) array, or (M,) int or (M, m) arrays
             What somebody would like to do: an index into problem.inputs or a command, for each state. The nearest input
             is that of least Euclidean distance.
@@ -568,8 +635,19 @@ class Controller:
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
         """Index of the input that the rule prefers for each state of a batch, (M,); -1 if there is none.
 
-        It is the safe input of least score that passes `Table.passes` or, if none is safe, `Batch.best`. `before` (M,)
-        are the inputs held until now, -1 where none is known, as by default: `Candidates.before`.
+        It is the safe input of least score by the rule that is also safe by the true sets or, if none is, `Batch.best`.
+
+        Parameters
+        ----------
+        batch : Batch
+            What `batch` of the controller, or of its table, says of M states.
+        before : (M,) int, optional
+            The inputs held until now, which a rule may heed; -1 where none is known, as by default.
+
+        Returns
+        -------
+        (M,) int
+            Indices into problem.inputs.
 
         Raises
         ------

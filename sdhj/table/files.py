@@ -305,7 +305,7 @@ def checked_head(head: Any) -> dict[str, Any]:
         "details": dict(head["details"]),
         "delta": number("delta", head["delta"], above=0.0),
         "steps": whole("steps", head["steps"], least=1, most=MOST_SAMPLED),
-        "sensing": Sensing(**head["sensing"]),
+        "sensing": Sensing(**{"memory": False} | head["sensing"]) if head["sensing"] else Sensing(),
         "sets": list(head["sets"]),
         "formulas": {**head["formulas"], "opaque": dict(head["formulas"]["opaque"])},
     }

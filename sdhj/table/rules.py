@@ -14,6 +14,9 @@ from sdhj.table.batches import Batch
 class Candidates:
     """The argument of a rule: P pairs of a state of a batch and an input that is safe there, sorted by state.
 
+    A rule is a function of it that returns a score (P,) for each pair; of each state the input of least score is taken.
+    It is given to `sdhj.Controller`, which raises ValueError where it returns something else.
+
     Attributes
     ----------
     problem : ReachAvoidProblem
@@ -26,7 +29,7 @@ class Candidates:
     before : (P,) int array
         Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
     margins : (P,) array
-        As `Batch.margins`: the largest value of the next tube that the adversary can bring about.
+        The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 

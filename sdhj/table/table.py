@@ -3,8 +3,9 @@
 A state between the nodes is in a tube if the interpolated level-set function is <= 0. `notebooks/site/queries.md` says
 which inputs are safe there, by the marks of the nodes around it and by margins. Margins lose fewer runs than the marks
 alone; the marks, in turn, exclude inputs that only just avoid an obstacle, for rules that ignore margins. If the
-adversary couples axes, a margin is over the sum of a box and segments; where gain or bounds depend on time, and at
-walls, it is over the box around, which is larger than the reachable set, and promises are given more rarely.
+adversary couples axes, a margin is over the sum of a box and segments or, where v enters nonlinearly, over the hull of
+what its pieces lead to; where gain or bounds depend on time, and at walls, it is over the box around, which is larger
+than the reachable set, and promises are given more rarely.
 """
 
 import os
@@ -258,7 +259,12 @@ class LookupTable(Table):
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """The level-set function of a tube at the nodes of the grid, to draw or to measure it.
 
-        `start` and `within` select the tube, as in `contains`.
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
 
         Returns
         -------
@@ -286,6 +292,13 @@ class LookupTable(Table):
 
         u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
         in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
+
+        Parameters
+        ----------
+        start : int
+            k, the step at which the robot is there, from 0 to N.
+        within : int, optional
+            n, the most steps that it may take; by default all that are left, N - start.
 
         Raises
         ------
@@ -355,9 +368,8 @@ class LookupTable(Table):
         """Fill in some rows of a batch by compiled code; False where it met something undefined, and did not."""
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
-        return bool(
-            decide(batch.states, rows, when, tuple(self.packed_at(batch.step)), self._stored, ends, scores, out)
-        )
+        packs = tuple(self.packed_at(batch.step))
+        return bool(decide(batch.states, rows, when, packs, self._stored, (ends, scores, self.normals), out))
 
     @cached_property
     def _all_formulas(self) -> bool:
@@ -385,6 +397,11 @@ class LookupTable(Table):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the table to an HDF5 file; replaces it, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Of the file; by custom it ends in .h5.
 
         Raises
         ------

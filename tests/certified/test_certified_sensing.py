@@ -19,7 +19,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.kernels.packed import to_bits
 from sdhj.table.beside import predicted
 
-ALL = Sensing(0.005, 0.02, 0.005)
+ALL = Sensing(0.005, 0.02, 0.005, memory=False)
 PUSHES = ("switching", "to the post", "off the target")
 
 
@@ -33,7 +33,13 @@ def solved(sensing=ALL, cells=(48, 48, 45)):
 
 @pytest.mark.parametrize(
     "sensing",
-    [Sensing(), Sensing(0.03), Sensing(delay=0.2), Sensing(jitter=0.05), Sensing(0.03, 0.2, 0.05)],
+    [
+        Sensing(),
+        Sensing(0.03, memory=False),
+        Sensing(delay=0.2, memory=False),
+        Sensing(jitter=0.05, memory=False),
+        Sensing(0.03, 0.2, 0.05, memory=False),
+    ],
     ids=["exact", "error", "delay", "jitter", "all"],
 )
 def test_the_closed_form(sensing):
@@ -59,11 +65,11 @@ def closing(sensing):
     ("problem", "cells", "region"),
     [
         (
-            lambda: replace(car(), sensing=Sensing((0.02, 0.15, 0.12))),
+            lambda: replace(car(), sensing=Sensing((0.02, 0.15, 0.12), memory=False)),
             (40, 40, 37),
             ([1.0, 0.6, -np.pi], [1.4, 1.0, np.pi]),
         ),
-        (lambda: closing(Sensing((0.05, 0.2))), (60, 60), ([-1.8, 2.3], [-0.2, 4.0])),
+        (lambda: closing(Sensing((0.05, 0.2), memory=False)), (60, 60), ([-1.8, 2.3], [-0.2, 4.0])),
     ],
     ids=["car", "narrower cells"],
 )
@@ -89,10 +95,10 @@ def test_states_are_promised_as_plain_loops_say(problem, cells, region, rng):
 def test_more_of_anything_never_enlarges_a_set():
     chain = [
         Sensing(),
-        Sensing(0.01),
-        Sensing(0.01, 0.03),
-        Sensing(0.01, 0.03, 0.01),
-        Sensing((0.02, 0.01, 0.02), 0.04, 0.02),
+        Sensing(0.01, memory=False),
+        Sensing(0.01, 0.03, memory=False),
+        Sensing(0.01, 0.03, 0.01, memory=False),
+        Sensing((0.02, 0.01, 0.02), 0.04, 0.02, memory=False),
     ]
     before = None
     for sensing in chain:
@@ -107,7 +113,7 @@ def test_more_of_anything_never_enlarges_a_set():
 
 def test_what_an_interval_does_to_predictions():
     """A robot on a line, by hand; nothing is solved."""
-    sensing = Sensing(0.03, 0.2, 0.05)
+    sensing = Sensing(0.03, 0.2, 0.05, memory=False)
     problem, method = replace(toys.interval_problem(), sensing=sensing), sdhj.Certified((2000,))
     proof, off = GeneralProof.of(problem, method.axes(problem), 10), 0.03 + 0.2 * 0.2
     tubes, last = proof.reached(np.array([0]), 2, 0.2, 2)  # at 0.8 to 1.2, for 0.4 to 0.6 s
@@ -123,7 +129,7 @@ def test_what_an_interval_does_to_predictions():
 # ---- predictions
 
 
-@pytest.mark.parametrize("sensing", [Sensing(0.01, 0.1), Sensing((0.0, 0.03, 0.02), 0.2)])
+@pytest.mark.parametrize("sensing", [Sensing(0.01, 0.1, memory=False), Sensing((0.0, 0.03, 0.02), 0.2, memory=False)])
 def test_no_prediction_is_farther_off_than_proved(sensing, rng):
     """Errors at corners, an adversary who pushes steadily or switches; and it is proved to no more than it should be.
 
@@ -210,7 +216,7 @@ def judged(table, sensing, push, rng, count=1000):
 def test_no_run_is_lost_and_without_sensing_some_are(push, rng):
     outcomes = judged(solved(), ALL, push, rng)
     assert set(outcomes) == {"reached", "nothing promised"} and (outcomes == "reached").sum() > 50
-    harsh = Sensing(0.02, 0.1, 0.02)
+    harsh = Sensing(0.02, 0.1, 0.02, memory=False)
     control = judged(solved(Sensing()), harsh, push, rng)
     assert np.isin(control, ["left", "late", "wrong", "collided"]).sum() > 3
 
@@ -276,7 +282,7 @@ def arm(sensing, agent):
     return sdhj.solve(replace(problem, sensing=sensing), sdhj.Certified(cells=(105, 105, 24, 24)), progress=False)
 
 
-SHAKY = Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004)
+SHAKY = Sensing((0.01, 0.01, 0.004, 0.004), 0.01, 0.004, memory=False)
 
 
 @pytest.mark.slow

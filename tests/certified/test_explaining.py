@@ -85,7 +85,7 @@ def test_bounds_that_are_loose():
 def test_explanations_agree_with_the_table():
     """An input has a failure where it is not certified; of other robots and an arm with Sensing, over the seam."""
     rng = np.random.default_rng(3)
-    sensing = sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01)
+    sensing = sdhj.Sensing(error=[0.02, 0.02, 0.005, 0.005], delay=0.01, memory=False)
     for problem, cells in (
         (car(), (20, 20, 20)),
         (replace(sdhj.arm_case_study(**SMALL), sensing=sensing), (32, 32, 12, 12)),
@@ -121,7 +121,7 @@ def test_next_to_nothing_is_said_at_the_solve(solves_are_played):
 
 def test_a_state_that_may_be_measured_in_a_cell_that_is_not_certified():
     """Its own cell is certified, and what fails is of the cell where it may be measured; with a scanty table, too."""
-    told = table(line(sensing=sdhj.Sensing(0.3), steps=2), 40)
+    told = table(line(sensing=sdhj.Sensing(0.3, memory=False), steps=2), 40)
     places = np.linspace(0.05, 9.95, 199)[:, None]
     near = (told.steps_to_go(places, 0) <= 2) & ~told.contains(places)
     assert near.any()

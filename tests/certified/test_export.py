@@ -11,11 +11,12 @@ import digest_cases
 import forged_robots
 import numpy as np
 import pytest
+import test_memory
 import toys
 
 import sdhj
 from sdhj.certified.check import verify
-from sdhj.certified.export import FIELDS, STATUS
+from sdhj.certified.export import FIELDS, STATUS, images_of
 from sdhj.simulation.runs import admissible_states
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="there is no gcc")
@@ -42,7 +43,13 @@ def with_inputs(problem, inputs):
 
 
 def senses():
-    return replace(digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03)))
+    return replace(
+        digest_cases.CASES["plane, sensing, certified"].problem(), sensing=sdhj.Sensing((0.02, 0.03), memory=False)
+    )
+
+
+def remembering(problem, error, **sensing):
+    return replace(problem, sensing=sdhj.Sensing(error, memory=True, **sensing))
 
 
 def oddly_named():
@@ -70,9 +77,30 @@ CASES = {
         lambda: digest_cases.cart(grid=sdhj.Grid([-1, -2], [1, 2], [25, 21]), steps=None),
         sdhj.Certified(cells=(40, 40), parts=4),
     ),
+    "line, remembering": (lambda: remembering(toys.interval_problem(), 0.05), sdhj.Certified(cells=(80,))),
+    "joint, remembering": (lambda: test_memory.joint(0.02, jitter=0.001), sdhj.Certified(cells=(100, 100), parts=4)),
+    "torus, remembering": (
+        lambda: remembering(toys.torus_problem(), 0.05),
+        sdhj.Certified(cells=(40, 40), parts=4),
+    ),
+    "noisy, remembering": (forged_robots.noisy, sdhj.Certified(cells=(40, 10), parts=2)),
+    "car, remembering": (
+        lambda: remembering(toys.unicycle_problem(), (0.01, 0.01, 0.02)),
+        sdhj.Certified(cells=(30, 30, 38), parts=4),
+    ),
+    "tide, remembering": (
+        lambda: remembering(digest_cases.tide(turning=True), 0.02),
+        sdhj.Certified(cells=(32, 24), parts=3),
+    ),
     "arm": (digest_cases.CASES["arm, certified"].problem, sdhj.Certified(cells=(36, 36, 9, 9), parts=4)),
 }
-FINER = {"arm, finer": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method)}
+FINER = {
+    "arm, remembering": (
+        lambda: remembering(digest_cases.CASES["arm, certified"].problem(), 0.005),
+        sdhj.Certified(cells=(36, 36, 9, 9), parts=4),
+    ),
+    "arm, finer": (digest_cases.CASES["arm, certified"].problem, digest_cases.CASES["arm, certified"].method),
+}
 
 
 @cache
@@ -166,6 +194,94 @@ def test_a_thousand_inputs_are_solved_certified_verified_and_exported(tmp_path):
     assert chosen.min() >= 0 and chosen.max() > 255
 
 
+REMEMBERING = [name for name in CASES if name.endswith("remembering")]
+
+
+@pytest.mark.parametrize("name", [*REMEMBERING, pytest.param("arm, remembering", marks=pytest.mark.slow)])
+def test_a_loop_in_c_carries_on_what_python_carries_on(exported, name):
+    """The same inputs and the same points, bit for bit, of a crowd of which nobody cares where it is led.
+
+    The states jump: by nothing, by errors, to where nothing led, laps away, off the grid.
+    """
+    table, c, rng = solved(name), exported(name), np.random.default_rng(0)
+    controller, count, problem = sdhj.Controller(table), 400, table.problem
+    states = states_of(table, 4 * count)
+    states = np.concatenate([states[table.contains(states)], states])[:count]
+    error, low, high = (
+        np.broadcast_to(problem.sensing.error, states.shape[1:]),
+        *np.array([problem.grid.lower, problem.grid.upper]),
+    )
+    loop, known, inputs, earlier, told = c.loop(count), None, None, 0, 0
+    for step in range(min(table.steps, 8) if not problem.time_invariant else 8):
+        at = 0 if problem.time_invariant else step
+        measured = states + rng.choice([-1.0, 0.3, 1.0], states.shape) * error
+        seen = controller.predict(measured, None, at)
+        wanted = rng.integers(0, len(problem.inputs), count) if step % 2 else None
+        status, chosen, points, missed = loop.step(measured, at, wanted)
+        if known is not None:
+            seen, lost = table.next_points(known, inputs, earlier, seen)
+            assert np.array_equal(missed, lost)
+            told += int(lost.sum())
+        assert np.array_equal(points, seen)
+        if wanted is None:
+            ours = controller.choose(controller.batch(seen, at))
+            assert np.array_equal(ours[status == 0], chosen[status == 0]) and not (ours[status < 0] >= 0).any()
+        else:
+            answer = controller.filter(seen, at, wanted)
+            assert np.array_equal(status == 0, answer.promised)
+            assert np.array_equal(answer.inputs[status == 0], chosen[status == 0])
+        known, inputs, earlier = seen, chosen, at
+        moves = problem.interval(at).displacements(states)
+        states = states + moves[np.arange(count) if len(moves) > 1 else 0, inputs]
+        thrown, laps = rng.random((2, count, 1)) < 0.05
+        states = np.where(thrown, rng.uniform(low - 0.1, high + 0.1, states.shape), states)
+        states += laps * rng.integers(-2, 3, states.shape) * np.where(problem.grid.periodic, high - low, 0.0)
+    assert told
+
+
+def test_nobody_whom_c_remembers_is_lost(exported):
+    """A joint at 50 Hz, 200 runs for 4 s pushed towards its stop, errors at their most: none lost, none without."""
+    table, rng = solved("joint, remembering"), np.random.default_rng(1)
+    q = rng.uniform([-1, -2], [1, 2], (5000, 2))
+    states = q[table.contains(q)][:200]
+    loops = (
+        exported("joint, remembering", only=("filter",)).loop(200),
+        exported("joint, remembering", only=("select",)).loop(200),
+    )
+    for loop, wanted in zip(loops, (np.full(200, 4), None), strict=True):
+        own = states.copy()
+        for _ in range(200):
+            status, inputs, points, missed = loop.step(test_memory.measured(own, rng), 0, wanted)
+            assert (status == 0).all() and not missed.any()
+            assert (np.abs(points - own) <= test_memory.ERROR + 1e-12).all()
+            own, hit = test_memory.moved(own, test_memory.LEVELS[inputs, 0], 0.02, rng)
+            assert not hit.any()
+        assert wanted is None or own[:, 0].max() > 0.9
+
+
+def test_what_begins_anew_in_c_is_told(exported):
+    c = exported("joint, remembering")
+    loop = c.loop(3)
+    states = np.array([[0.5, 0.1], [0.0, 0.0], [np.nan, 0.0]])
+    assert loop.step(states)[0].tolist() == [0, 0, -4]
+    states[0, 0] -= 0.3  # somebody has pushed it
+    states[2, 0] = 0.0
+    status, _, points, missed = loop.step(states)
+    assert missed.tolist() == [True, False, True] and status.tolist() == [0, 0, 0]
+    assert np.array_equal(points[::2], states[::2])
+    assert not loop.step(points)[3].any()
+
+
+def test_images_make_a_file_larger_by_what_is_said(exported):
+    """4 bytes an axis, an input and a cell of the axes that images depend on."""
+    table, c = solved("joint, remembering"), exported("joint, remembering")
+    assert c.data[8] == 2 and int.from_bytes(c.data[80:84], "little") == 1
+    _, reads, images = images_of(table)
+    assert reads == [2, 2] and sum(one.nbytes for one in images) == 4 * 2 * 5 * table.shape[1]
+    assert b"".join(one.tobytes() for one in images) in c.data
+    assert exported("torus").data[8] == 1 and exported("torus").data[80:84] == bytes(4)  # as it was before
+
+
 @pytest.mark.parametrize("rule", ["effort", "target", "clearance"])
 def test_built_in_rules(exported, rule):
     table, c = solved("car"), exported("car", rule=rule)
@@ -235,7 +351,11 @@ int main(void) {
     sdhj_table t; unsigned char *own; uint32_t input; double q[6] = {0.1, 0.1, 0.1, 0.1, 0.1, 0.1};
     if (getchar() != 10 || fread(bytes, 1, size, stdin) != size) return 2;
     own = (unsigned char *)malloc(size ? size : 1); memcpy(own, bytes, size); seen++;
-    if (sdhj_open(&t, own, size, NULL) == SDHJ_OK) { taken++; sdhj_select(&t, 0, q, &input); sdhj_selftest(&t); }
+    if (sdhj_open(&t, own, size, NULL) == SDHJ_OK) {
+      sdhj_memory memory = {0}; uint32_t step;
+      taken++; sdhj_select(&t, 0, q, &input); sdhj_selftest(&t);
+      for (step = 0; step < 9; step++) sdhj_step(&t, &memory, step, q, &input);
+    }
     free(own);
   }
   printf("%lu %lu", seen, taken);
@@ -280,17 +400,18 @@ def test_damaged_and_truncated_files_are_refused(exported, count):
         )
 
 
-def test_numbers_that_lie_are_refused_or_harmless_although_the_checksum_fits(exported):
+@pytest.mark.parametrize(("name", "count"), [("torus", 1500), ("tide, remembering", 300), ("noisy, remembering", 300)])
+def test_numbers_that_lie_are_refused_or_harmless_although_the_checksum_fits(exported, name, count):
     """Whoever writes a checksum of his own may get wrong answers, but reads no byte that is not of the table."""
-    c, rng, files = exported("torus"), np.random.default_rng(1), []
-    for _ in range(1500):
+    c, rng, files = exported(name), np.random.default_rng(1), []
+    for _ in range(count):
         bad = bytearray(c.data)
         at = int(rng.choice([rng.integers(16, 96), rng.integers(160, 560), rng.integers(560, len(bad) - 4)]))
         bad[at : at + 4] = rng.choice([rng.integers(0, 256, 4, np.uint8), np.array([255] * 4, np.uint8)]).tobytes()
         bad[12:16] = zlib.crc32(bytes(bad[:12] + bad[16:])).to_bytes(4, "little")
         files.append(bytes(bad))
     seen, _ = refusals(c.folder, files)  # under sanitizers, which end the program
-    assert seen == 1500
+    assert seen == count
 
 
 def test_the_table_of_another_robot_is_refused(exported):
@@ -322,6 +443,7 @@ int main(void) {
   sdhj_table t; uint32_t input, cell[6] = {0, 0, 0, 0, 0, 0}; uint8_t bits[SDHJ_ROBOT_MASK_BYTES]; sdhj_place place;
   if (sdhj_open(&t, NULL, 0, sdhj_robot_digest) != SDHJ_OK) return 0;
   sdhj_cell(&t, cell, &place);
+  input = SDHJ_ROBOT_BRAKE + SDHJ_ROBOT_TIMELESS + SDHJ_ROBOT_REMEMBERS + SDHJ_ROBOT_BYTES;
   return (int)sdhj_select_at(&t, 0, &place, &input) + (int)sdhj_safe_inputs_at(&t, 0, &place, bits);
 }
 """

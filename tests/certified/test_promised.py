@@ -42,7 +42,7 @@ ROBOTS = {
 # one of each kind of ends, among them some of three axes and some with time; what else is drawn is slow
 FAST = {"car", "car, stays", "crossing", *(f"random {seed}, {end}" for seed, end in DRAWN_FAST)}
 
-SHAKY = sdhj.Sensing((0.005, 0.005, 0.002, 0.002), 0.005)
+SHAKY = sdhj.Sensing((0.005, 0.005, 0.002, 0.002), 0.005, memory=False)
 SMALL_ROBOTS = forged_robots.ROBOTS | {
     "arm": (lambda: sdhj.arm_case_study(**SMALL), (48, 48, 16, 16), 4),
     "arm among disks": (

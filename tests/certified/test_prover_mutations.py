@@ -8,7 +8,7 @@ import mutations
 import numpy as np
 import pytest
 import test_tape
-from forged_robots import CLEAR, COVER, GOAL, MOVES, NEAR, NEARER, save, solved
+from forged_robots import ARRIVE, CLEAR, COVER, GOAL, MOVES, NEAR, NEARER, save, solved
 from naive_certified import assert_all_that_follows
 
 import sdhj.certified.sets
@@ -42,6 +42,10 @@ FALSE = {
     "errors after": ("2.7 drop 14", "sensed", MOVES),
     "what is carried on": ("2.8 put 5 1.5 * {5}", "remembered", MOVES),
     "the middle": ("2.9 put 5 {5} & False", "calming", MOVES),
+    "errors in all but a layer": ("2.60 true 3", "noisy", MOVES),
+    "errors in all but an upper layer": ("2.60 true 14", "noisy", MOVES),
+    "points beside a layer": ("2.61 drop", "noisy", MOVES),
+    "points beside an upper layer": ("2.62 drop", "noisy", MOVES),
     "a late end": ("2.10 put 4 ({9}, 2 * {6}.jitter)", "sensed", MOVES),
     "an early end": ("2.11 false 1", "sensed", MOVES),
     "the time of a piece": ("2.12 copy 10 12; copy 13 15", "tide", MOVES),
@@ -98,6 +102,14 @@ FALSE = {
     "the time of a goal": ("9.5 zero 7", "tide", GOAL),
     "a goal by a clock that is off": ("9.6 copy 8 9; copy 13 9", "sensed", GOAL),
     "predictions in a goal": ("9.7 drop 15", "sensed", GOAL),
+    "when a cell arrives": ("9.8 zero 19", "tide", ARRIVE),
+    "states near a cell that arrives": ("9.9 zero 11", "aimed", ARRIVE),
+    "the lower end of what arrives": ("9.10 zero 15", "plane", ARRIVE),
+    "the upper end of what arrives": ("9.11 zero 17", "plane", ARRIVE),
+    "all of what arrives": ("9.12 number 19 0", "plane", ARRIVE),
+    "both halves of what arrives": ("9.13 copy 10 9; copy 16 15", "plane", ARRIVE),
+    "what is open does not arrive": ("9.14 drop", "plane", ARRIVE),
+    "arrivals that are clear": ("9.15 drop 7", "post in the target", NEARER),
     "every cell of an image": ("3.1 put 5 {5} - 1", "cart", NEARER),
     "the last cells of a row": ("3.2 put 6 {5} + 1", "cart", NEARER),
     "the last cells of a long row": ("3.3 put 7 {6} + 1", "rail", NEARER),
@@ -113,6 +125,7 @@ ANOTHER = {
     "cells at an end": ("3.9 drop 6", "to the left"),
     "words that change": ("3.10 copy 7 4", "cart"),
     "only what was in the set": ("3.11 false 1", "cart"),
+    "arrivals by inputs that are clear": ("9.16 drop 3", "post in the target"),
     "inputs that lead there": ("3.12 false 1", "line"),
     "safe inputs": ("3.13 drop 12", "cart"),
     "all inputs": ("3.14 number 4 1; 3.15 number 4 1", "line"),

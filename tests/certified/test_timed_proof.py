@@ -184,7 +184,7 @@ def test_every_step_leads_one_nearer(proved, rng):
                     signs = rng.choice([-1.0, 1.0], states.shape)
                 ended = judge.rk4(lambda q, at, v=signs, j=inputs: case.velocity(q, j, v, at), ended, t + k * h, h)
                 assert (case.unsafe(ended, t + (k + 1) * h) > 0).all()
-            assert (naive.steps_to_go(table, np.clip(ended, -3, 3), step + 1) < left).all()
+            assert (naive.steps_left(table, np.clip(ended, -3, 3), step + 1) < left).all()
 
 
 def test_who_ignores_time_proves_what_is_not_so(rng):

@@ -129,7 +129,9 @@ def tide(units):
 
 
 def shaky(units):
-    return sdhj.Sensing([0.01 * units.lengths[0], 0.02 * units.lengths[1]], 0.02 * units.time, 0.01 * units.time)
+    return sdhj.Sensing(
+        [0.01 * units.lengths[0], 0.02 * units.lengths[1]], 0.02 * units.time, 0.01 * units.time, memory=False
+    )
 
 
 ROBOTS: dict[str, Any] = {  # the robot, its axes, cells, whether a grid is solved, too

@@ -40,6 +40,9 @@ WITHOUT_ERRORS = {
     "frame_slice",
 }
 
+# Fields that no user gives.
+MADE_BY_THE_LIBRARY = {"sdhj.LookupTable": {"reusable", "player"}, "sdhj.BlackBox": {"shape", "name"}}
+
 
 def listed() -> Iterator[tuple[str, str]]:
     """What the reference names: the kind of each entry, and its name."""
@@ -75,6 +78,24 @@ def test_all_that_users_name_is_in_it_and_nothing_else() -> None:
             )
 
 
+def test_everything_in_it_can_be_imported_as_it_says() -> None:
+    for kind, name in LISTED:
+        if kind in ("class", "function", "exception"):
+            module, _, own = name.rpartition(".")
+            scope: dict[str, Any] = {}
+            exec(f"from {module} import {own}", scope)
+            assert scope[own] is object_of(name)
+
+
+def test_every_warning_and_error_that_a_user_meets_is_offered_by_the_package() -> None:
+    own = re.compile(r"^class ([A-Z]\w*)\(\w*(?:Warning|Error|Exception)\)", re.MULTILINE)
+    found = {name for path in (ROOT / "sdhj").rglob("*.py") for name in own.findall(path.read_text("utf-8"))}
+    assert found - {"Refusal", "Stated"} <= set(sdhj.__all__) and len(found) >= 6  # the command's; one that is caught
+    assert {kind: issubclass(getattr(sdhj, kind), Warning) for kind in found & set(sdhj.__all__)} == {
+        kind: kind.endswith("Warning") for kind in found & set(sdhj.__all__)
+    }
+
+
 def with_arguments() -> list[tuple[str, Any]]:
     found = []
     for kind, name in LISTED:
@@ -91,9 +112,11 @@ def test_it_has_an_example_and_says_what_is_refused(name: str, given: Any) -> No
     """Doctests run the examples: `pytest sdhj`."""
     text = inspect.getdoc(given) or ""
     assert ">>> " in text
-    made = inspect.isclass(given)
-    if not made and name.split(".")[-1] not in WITHOUT_ERRORS and not name.startswith("sdhj.plotting.draw"):
-        assert re.search(r"\w+Error|NotAdmissible|As `sdhj|errors raised", text), text
+    said = text.split("Examples\n")[0]
+    unsaid = {own for own in inspect.signature(given).parameters if not re.search(rf"\b{own}\b", said)}
+    assert unsaid <= {"self", "ax"} | MADE_BY_THE_LIBRARY.get(name, set())
+    if name.split(".")[-1] not in WITHOUT_ERRORS and not name.startswith("sdhj.plotting.draw"):
+        assert re.search(r"\w+Error|NotAdmissible", text), text
 
 
 def test_the_examples_share_one_robot() -> None:

@@ -86,7 +86,7 @@ def strips(path: Path) -> list[Any]:
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)
 def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> None:
-    """The first setting and what is named; and numbers that stand beside the slider's name in the text around it."""
+    """Some twenty frames: the first setting, what is named, and numbers beside its name in the text around."""
     found, cells = strips(path), read(path).cells
     shown = [
         place for place, cell in enumerate(cells) if TOOL["WIDGET"].search(cell.source) and cell.cell_type == "code"
@@ -96,7 +96,7 @@ def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> No
     ]
     for strip in found:
         values, place = strip["values"], shown[strip["widget"] - 1]
-        assert {strip["at"], *strip["named"]} <= set(values) and 2 < len(values) <= 20, strip["file"]
+        assert {strip["at"], *strip["named"]} <= set(values) and 15 <= len(values) <= 21, strip["file"]
         around = " ".join(cell.source for cell in cells[place - 1 : place + 2] if cell.cell_type == "markdown")
         for name in re.sub(r" \(.*\)", "", strip["control"]).split(", "):
             said = re.findall(rf"\b(\d[\d.]*\d|\d) {name}|{name} of (\d+)", around)
@@ -105,7 +105,12 @@ def test_the_sites_sliders_show_what_the_text_beside_them_says(path: Path) -> No
 
 @pytest.mark.parametrize("number", [2, 4, 7, 8, 11, 14])
 def test_a_chapter_about_a_process_shows_it_moving(number: int) -> None:
-    assert any(strip["loop"] for strip in strips(CHAPTERS[number - 1]))
+    """In a loop of some twenty frames, small files."""
+    path = CHAPTERS[number - 1]
+    loops = [strip for strip in strips(path) if strip["loop"]]
+    assert loops and all(17 <= len(strip["values"]) <= 21 for strip in loops)
+    for strip in loops:
+        assert (TOOL["frames_file"](path).parent / strip["file"]).stat().st_size <= 250_000, strip["file"]
 
 
 @pytest.mark.parametrize("path", CHAPTERS, ids=lambda path: path.stem)

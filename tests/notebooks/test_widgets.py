@@ -21,13 +21,20 @@ from course import widgets
 from course.checks.chapter_15 import reference_car
 from course.draw.bodies import paint, turned
 from course.draw.lines import draw_line_sets
-from course.draw.plane import draw_plane_game
+from course.draw.plane import draw_plane_game, filling
 from course.draw.schemes import carry, shrink
 from course.draw.sets import area, canvas, combine, rectangle
 from course.draw.slices import slice_values, steps_image
 from course.draw.spaces import draw_both_spaces, union_of_samples
 from course.explore.lines import explore_interpolation, explore_line
-from course.explore.plane import explore_car, explore_holding, explore_interval, explore_plane_game, explore_row
+from course.explore.plane import (
+    explore_car,
+    explore_filling,
+    explore_holding,
+    explore_interval,
+    explore_plane_game,
+    explore_row,
+)
 from course.explore.runs import explore_lookup, explore_pursuit, explore_run
 from course.explore.schemes import explore_schemes, explore_upwinding
 from course.explore.sensing import explore_sensing
@@ -39,6 +46,7 @@ from course.explore.tubes import (
     explore_certified,
     explore_evader,
     explore_gap,
+    explore_growing,
     explore_pursuer,
     explore_surface,
     explore_tube,
@@ -212,6 +220,21 @@ def test_another_start_of_the_plane_game_solves_nothing(monkeypatch: pytest.Monk
     assert explorer.set(start=2) != before and explorer.error == ""
 
 
+def test_the_table_is_filled_from_below_each_tube_from_two_that_are_there(point: LookupTable) -> None:
+    steps, order = point.steps, filling(point.steps)
+    tubes = [entry for entry in order if entry[1] is not None]
+    assert len(set(order)) == len(order) == (steps + 1) * (steps + 2) // 2 + steps
+    for place, (k, n) in enumerate(order):
+        needed = {(k, n - 1), (k + 1, n - 1), (k, None)} if n else set()
+        assert needed <= set(order[:place])
+    explorer = explore_filling(point)
+    visit_corners(explorer)
+    games = len(point.problem.inputs) * steps * (steps + 1) // 2  # (7.2)
+    last = {"made last": f"tube k = 0, n = {steps}", "tubes": len(tubes), "games to reach": games}
+    assert explorer.set(made=len(order)) == last | {"games to avoid": len(point.problem.inputs) * steps}
+    assert explorer.set(made=0) == {"made last": "nothing", "tubes": 0, "games to reach": 0, "games to avoid": 0}
+
+
 def test_row_at_the_corners(point: LookupTable) -> None:
     explorer = explore_row(point)
     visit_corners(explorer)
@@ -254,6 +277,15 @@ def test_tube_at_the_corners(arm: LookupTable) -> None:
     state = np.array([[0.6, 1.2, 0.15, 0.24]])
     held = [n for n in range(4) if arm.contains(state, start=0, within=n)[0]]
     assert explorer.set(q1=0.6, q2=1.2, px=0.15, py=0.24)["steps to go of this state"] == held[0]
+
+
+def test_a_tube_grows_step_by_step_to_what_the_chapter_says() -> None:
+    """Step by step, to more than with the case study's own eight intervals; and where it has grown to."""
+    explorer = explore_growing()
+    shares = [explorer.set(within=n)["share of C inside"] for n in range(21)]
+    assert explorer.error == "" and shares == sorted(set(shares))
+    eight = sdhj.solve(sdhj.arm_case_study((25, 25, 13, 13)), progress=False, play=False)
+    assert round(shares[-1], 2) == 0.43 and round(eight.fraction(start=0, within=8), 2) == 0.37  # as chapter 8 says
 
 
 def test_other_slices_of_the_tube(arm: LookupTable) -> None:
@@ -554,7 +586,7 @@ def test_frames_go_from_one_end_to_the_other_and_leave_no_trace() -> None:
         (widgets.slider("cells", 20, 240, 1, 60), (61, 120, 121)),
         (widgets.slider("step", 0.1, 1.5, 0.05, 0.75), (1.0,)),
         (widgets.slider("shift", -0.2, 0.2, 0.01, 0.05), ()),
-        (widgets.slider("intervals", 1, 8, 1, 4), ()),
+        (widgets.slider("intervals", 1, 20, 1, 4), ()),
         (widgets.angle("angle", 0.92), (0.3,)),
     ],
 )
@@ -564,7 +596,15 @@ def test_frames_hold_the_ends_the_first_setting_and_what_the_text_names(control:
     for value in (control.min, control.max, control.value, *named):
         assert min(abs(value - place) for place in found) < 1e-9
     every = round((control.max - control.min) / control.step) + 1
-    assert len(found) == every or len(found) > widgets.FRAMES / 2  # as many as there is room for, or nearly
+    assert len(found) >= min(every, widgets.FRAMES - 2)  # as many as there is room for, or nearly
+    apart = np.diff(found)
+    assert apart.max() <= 2 * (control.max - control.min) / (min(every, widgets.FRAMES) - 1) + 1e-9
+
+
+def test_frames_of_a_tall_picture_are_as_many_as_a_file_holds() -> None:
+    """WebP pictures have up to 16,383 pixels on a side."""
+    explorer = widgets.Explorer(draw_share, {"share": widgets.slider("share", 0.0, 0.75, 0.01, 0.5)}, size=(1.0, 8.0))
+    assert 15 <= len(list(explorer.frames())) <= 16_383 // 920
 
 
 def test_frames_are_written_one_below_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

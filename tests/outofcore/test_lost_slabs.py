@@ -393,7 +393,7 @@ def test_what_is_not_solved_out_of_core_is_refused(problem, tmp_path):
         "method 'projected'": (problem, sdhj.Projected(((0,), (1,)))),
         'games="joint"': (problem, sdhj.HJI(games="joint")),
         "steps=None": (replace(still, steps=None), "hji"),
-        "sensing": (replace(problem, sensing=sdhj.Sensing(error=0.01)), "hji"),
+        "sensing": (replace(problem, sensing=sdhj.Sensing(error=0.01, memory=False)), "hji"),
         "dynamics that depend on time": (replace(problem, dynamics=timed), "hji"),
         "safe ends": (replace(still, grid=safe, target=None, unsafe=(fence,)), "hji"),
     }

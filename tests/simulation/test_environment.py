@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import test_memory
 import toys
 
 import sdhj
@@ -122,7 +123,42 @@ def test_guards() -> None:
         ReachAvoidEnv(toys.interval_problem())  # type: ignore[arg-type]
 
 
-def test_what_an_agent_cannot_see_is_refused() -> None:
-    problem = replace(toys.interval_problem(), sensing=sdhj.Sensing(0.01))
-    with pytest.raises(ValueError, match="an agent observes the exact state"):
-        ReachAvoidEnv(sdhj.solve(problem, progress=False))
+@cache
+def sensed_line(memory: bool) -> Table:
+    """On the line, measured with errors, late and by an uncertain clock."""
+    sensing = sdhj.Sensing(0.05, 0.1, 0.02, memory=memory)
+    return sdhj.solve(replace(toys.interval_problem(), sensing=sensing), Certified((80,)), progress=False)
+
+
+@pytest.mark.parametrize("adversary", ["random", "worst"])
+@pytest.mark.parametrize("memory", [False, True])
+def test_an_agent_that_measures_is_shown_what_the_controller_knows(adversary: str, memory: bool) -> None:
+    """The observation is within E of the state, and behind the shield every episode arrives."""
+    table, actions = sensed_line(memory), np.random.default_rng(4)
+    env, box = ReachAvoidEnv(table, adversary), table.problem.half_widths[0]
+    for seed in range(20):
+        observation, info = env.reset(seed=seed)
+        while not info["outcome"]:
+            assert info["promised"] and (np.abs(observation[:-1] - env.runs.states[0]) <= box + 1e-9).all()
+            observation, *_, info = env.step(actions.integers(0, 3))
+        assert info["outcome"] == "reached"
+
+
+def test_the_point_is_carried_on() -> None:
+    """At 100 Hz, where a measurement alone keeps no promise: the mask is that of the point, clipped as `step` does."""
+    table = test_memory.solved(0.01, cells=(100, 100), steps=60)
+    env, controller, differs = ReachAvoidEnv(table, "random", shield=False), sdhj.Controller(table), 0
+    for seed in range(4):
+        observation, info = env.reset(seed=seed)
+        while not info["outcome"]:
+            told = controller.filter(np.tile(observation[:-1], (5, 1)), int(observation[-1]), np.arange(5))
+            assert told.promised.all() and np.array_equal(info["action_mask"] == 1, ~told.changed)
+            action = int(np.flatnonzero(info["action_mask"])[-1])
+            known, now = observation[None, :-1], int(observation[-1])
+            low, high, _ = table.next_bounds(known, np.array([action]), 0)
+            observation, *_, info = env.step(np.int64(action))
+            assert ((low <= observation[:-1] + 1e-12) & (observation[:-1] <= high + 1e-12)).all()
+            differs += int(np.abs(observation[:-1] - env.runs.states[0]).max() > 0)
+            assert (np.abs(observation[:-1] - env.runs.states[0]) <= test_memory.ERROR + 1e-12).all(), now
+        assert info["outcome"] == "reached"
+    assert differs > 100

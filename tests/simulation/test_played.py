@@ -87,7 +87,7 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     kept = "from 94% of the free states some input stays clear for one interval, but hardly from any for all steps; use"
     with pytest.warns(ResolutionWarning, match=f"{kept} stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
-    blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5))
+    blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5, memory=False))
     with pytest.warns(ResolutionWarning, match="hardly from any for all steps; use a smaller error, delay or jitter, "):
         sdhj.solve(blurred, progress=False)
     reach = replace(interval_problem(unsafe=False), dynamics=weak)

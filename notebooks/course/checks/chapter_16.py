@@ -108,7 +108,7 @@ def _slider(error):
         unsafe=[],
         delta=0.4,
         steps=3,
-        sensing=sdhj.Sensing(error=error, delay=0.1),
+        sensing=sdhj.Sensing(error=error, delay=0.1, memory=False),
     )
 
 

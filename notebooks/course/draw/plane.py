@@ -17,6 +17,8 @@ from sdhj.plotting.looks import FULL_LOOKS, INK, OUTCOME_INK, TARGET_LOOKS
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import Table
 
+UNSAFE_PINK, NOTHING = (0.965, 0.741, 0.659, 1.0), (1.0, 1.0, 1.0, 0.0)
+
 
 def draw_plane_game(
     ax: Axes, table: Table, *, start: int = 0, within: int | None = None, through: Sequence[float] | None = None
@@ -54,10 +56,56 @@ def draw_safe_twice(ax: Axes, problem: ReachAvoidProblem, at_instants: FloatArra
     )
 
 
+def filling(steps: int) -> list[tuple[int, int | None]]:
+    """What the library makes, in its order: (k, None), the walls of row k, and (k, n), a tube of it; (7.1)."""
+    made: list[tuple[int, int | None]] = []
+    for k in range(steps, -1, -1):
+        made += [(k, None)] if k < steps else []
+        made += [(k, n) for n in range(steps - k + 1)]
+    return made
+
+
+def draw_filling(ax: Axes, table: Table, made: int) -> Numbers:
+    """The look-up table after so many of `filling`: the newest framed, and dashed the two that it was made from."""
+    done, grid, gap = filling(table.steps)[:made], table.grid, 0.18
+    k_now, n_now = done[-1] if done else (None, None)
+    sources = {(k_now, n_now - 1), (k_now + 1, n_now - 1)} if n_now and k_now is not None else set()
+    where, side = plane(grid, (0.0, 0.0), resolution=LIVE // 2), grid.upper[0] - grid.lower[0]
+    colours = np.array([*step_colours(table.steps), UNSAFE_PINK, NOTHING])
+    for k in range(table.steps + 1):
+        blank = (k, None) not in done and (k, 0) not in done  # nothing of this row is known yet
+        hit = where.shaped(table.problem.unsafe_value(where.points, table.problem.time(k))) <= 0
+        for n in range(table.steps - k + 1):
+            left, low = n * (side + gap), (table.steps - k) * (side + gap)
+            places = np.where(hit & (not blank), -2, -1)
+            if (k, n) in done:
+                values = slice_values(grid, table.values(start=k, within=n), (0, 0), (0, 1), where.x, where.y)
+                places[values <= 0] = n
+            draw_pixels(ax, colours[places], (left, left + side, low, low + side), f"tube-{k}-{n}")
+            now = k == k_now and n_now in (n, None)
+            looks = {"edgecolor": OUTCOME_INK if now else INK if (k, n) in sources else "#9a9a9a"}
+            looks |= {"linewidth": 2.4 if now else 1.8 if (k, n) in sources else 0.6}
+            looks |= {"linestyle": "--" if (k, n) in sources else "-", "zorder": 4.0 if now else 3.0}
+            ax.add_patch(Rectangle((left, low), side, side, facecolor="none", gid=f"cell-{k}-{n}", **looks))
+        ax.text(-gap, (table.steps - k) * (side + gap) + side / 2, f"k = {k}", ha="right", va="center")
+        ax.text(k * (side + gap) + side / 2, -gap, f"n = {k}", ha="center", va="top")
+    far = (table.steps + 1) * (side + gap)
+    ax.set(xlim=(-0.45 * side, far), ylim=(-0.3 * side, far), aspect="equal")
+    ax.axis("off")
+    tubes = [(k, n) for k, n in done if n is not None]
+    newest = "nothing" if not done else f"walls of row {k_now}" if n_now is None else f"tube k = {k_now}, n = {n_now}"
+    return {
+        "made last": newest,
+        "tubes": len(tubes),
+        "games to reach": len(table.problem.inputs) * sum(n > 0 for _, n in tubes),
+        "games to avoid": len(table.problem.inputs) * (len(done) - len(tubes)),
+    }
+
+
 def draw_row(ax: Axes, table: Table, *, start: int, point: Sequence[float]) -> Numbers:
     """A row of the look-up table: the tubes from step `start`, the leftmost one that holds `point` framed."""
     most, gap, grid = table.steps - start, 0.15, table.grid
-    colours = np.array([(1.0, 1.0, 1.0, 0.0), (0.965, 0.741, 0.659, 1.0)])
+    colours = np.array([NOTHING, UNSAFE_PINK])
     where = plane(grid, point, resolution=LIVE)
     unsafe = where.shaped(table.problem.unsafe_value(where.points, start * table.problem.delta)) <= 0
     side = grid.upper[0] - grid.lower[0]

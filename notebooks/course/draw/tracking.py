@@ -15,7 +15,7 @@ def draw_tracking(
     both.plot(times, reference, color=LOST, linestyle="--", label="reference", gid="reference")
     both.plot(times, angle, color=OUTCOME_INK, linestyle="-", label="joint", gid="joint")
     both.set_ylabel("angle (rad)")
-    both.legend(loc="upper left", fontsize="small")
+    both.legend(loc="lower right", fontsize="small")
     off.plot(times, angle - reference, color=OUTCOME_INK, linestyle="-", gid="off")
     for side in (-formula, formula):
         off.axhline(side, color=FAINT, linestyle=":", gid="formula")

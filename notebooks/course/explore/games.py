@@ -22,7 +22,7 @@ def explore_games(rail: Grid, games: Callable[..., tuple[Games, FloatArray]]) ->
         "held": choice("input held", tuple(HELD), "to the right"),
         "v_d": slider("disturbance, at most (m/s)", 0.0, 0.4, 0.05, 0.1, live=False),
         "v_p": slider("pursuer, at most (m/s)", 0.0, 1.0, 0.05, 0.4, live=False),
-        "delta": slider("length of the interval (s)", 0.05, 0.6, 0.05, 0.3, live=False),
+        "delta": slider("length of the interval (s)", 0.03, 0.6, 0.03, 0.3, live=False),
     }
     alt = "Won sets of games 1, 2 and 3 on a rail, their intersection, and the joint game's edge"
     return Explorer(draw, controls, size=(9.2, 2.8), slow=True, alt=alt, motion="delta")

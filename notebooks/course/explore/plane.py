@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import sdhj
-from course.draw.plane import draw_car, draw_plane_game, draw_row
+from course.draw.plane import draw_car, draw_filling, draw_plane_game, draw_row, filling
 from course.paper import boat
 from course.robots import point_robot
-from course.widgets import Explorer, Numbers, angle, choice, slider
+from course.widgets import Explorer, Numbers, angle, choice, played, slider
 from sdhj.arm.workspace import Disk, Line
 from sdhj.table.batches import Table
 
@@ -56,25 +56,37 @@ def explore_interval(nodes: int = 49) -> Explorer:
 
 
 def explore_holding(nodes: int = 41) -> Explorer:
-    """One horizon of 0.8 s cut into 1 to 8 intervals: what it costs to hold an input and not to look."""
+    """One horizon of 0.8 s cut into 1 to 20 intervals: what it costs to hold an input and not to look."""
 
     def draw(figure: Figure, intervals: int, v_max: float, input_levels: int) -> Numbers:
         problem = point_robot(nodes, intervals, delta=0.8 / intervals, v_max=v_max, input_levels=input_levels)
         table = sdhj.solve(problem, progress=False)
         ax = figure.subplots()
         draw_plane_game(ax, table)
-        ax.set_title(f"{intervals} intervals of {0.8 / intervals:.2f} s")
+        ax.set_title(f"{intervals} interval{'s' * (intervals > 1)} of {0.8 / intervals:.2f} s")
         return {
             "share of the square inside": table.fraction(start=0, within=intervals),
             "one-step games solved": len(problem.inputs) * intervals * (intervals + 1) // 2,
         }
 
     controls = {
-        "intervals": slider("intervals in 0.8 s", 1, 8, 1, 4, live=False),
+        "intervals": slider("intervals in 0.8 s", 1, 20, 1, 4, live=False),
         "v_max": slider("adversary's speed (m/s)", 0.0, 0.9, 0.05, 0.25, live=False),
         "input_levels": slider("input levels on each axis", 2, 5, 1, 3, live=False),
     }
     return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="intervals")
+
+
+def explore_filling(table: Table) -> Explorer:
+    """The look-up table while it is made, row by row from below: first its walls, then one tube after another."""
+
+    def draw(figure: Figure, made: int) -> Numbers:
+        return draw_filling(figure.subplots(), table, made)
+
+    last = len(filling(table.steps))
+    controls = {"made": played(slider("walls and tubes made", 0, last, 1, (2 * last) // 3))}
+    alt = "The look-up table while it is filled, a tube made from its two neighbours"
+    return Explorer(draw, controls, size=(6.0, 5.0), alt=alt, process="made")
 
 
 def explore_row(table: Table) -> Explorer:
@@ -116,9 +128,7 @@ def explore_plane_game(nodes: int = 41) -> Explorer:
         "obstacle_speed": slider("obstacle's speed (m/s)", 0.0, 1.0, 0.05, 0.5, live=False),
         "start": slider("start, step k", 0, 4, 1, 0),
     }
-    return Explorer(
-        draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max", process="start"
-    )
+    return Explorer(draw, controls, size=(4.8, 3.9), slow=True, alt="Tubes of the point robot", motion="v_max")
 
 
 def explore_car(table: Table) -> Explorer:

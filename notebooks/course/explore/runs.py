@@ -54,8 +54,8 @@ def explore_run(
         else choice("initial state", (0,), 0),
         "adversary": choice("adversary", adversaries, adversaries[-1]),
         "rule": choice("rule", tuple(given), next(iter(given))),
-        "seed": slider("seed of the random adversary", 0, 9, 1, 0),
-        "moment": played(slider("progress of the run (%)", 0, 100, 4, 60)),
+        "seed": slider("seed, where it is random", 0, 9, 1, 0),
+        "moment": played(slider("progress of the run (%)", 0, 100, 5, 60)),
     }
 
     def idle(adversary: str, **_: Any) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ def explore_pursuit(table: Table, states: Sequence[Sequence[float]]) -> Explorer
             for name, value in (("x", 0.06), ("y", 0.2))
         },
         "disturbance": choice("disturbance of the joints", ("none", "random", "steady"), "random"),
-        "moment": played(slider("progress of the run (%)", 0, 100, 4, 48)),
+        "moment": played(slider("progress of the run (%)", 0, 100, 5, 50)),
     }
     alt = "A run with the pursuer where you send it, and its table row"
     return Explorer(draw, controls, size=(6.4, 4.1), alt=alt, motion="moment", process="moment")

@@ -46,7 +46,7 @@ def explore_schemes() -> Explorer:
     controls = {
         "flux": choice("flux", ("godunov", "lax-friedrichs"), "godunov"),
         "order": choice("order", (1, 2, 3), 1),
-        "nodes": slider("nodes on each axis", 11, 81, 10, 31),
+        "nodes": slider("nodes on each axis", 11, 81, 2, 31),
         "adversary": slider("adversary's speed (m/s)", 0.0, 1.0, 0.05, 0.3),
     }
     return Explorer(draw, controls, size=(5.2, 3.9), alt="The computed reach set and the exact one", motion="nodes")

@@ -18,7 +18,7 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
 
     @lru_cache(maxsize=64)
     def solved(**sensing: float) -> sdhj.Controller:
-        unsure = replace(problem, sensing=sdhj.Sensing(**sensing))
+        unsure = replace(problem, sensing=sdhj.Sensing(**sensing, memory=False))
         return sdhj.Controller(sdhj.solve(unsure, progress=False))
 
     def draw(figure: Figure, error: float, delay: float, jitter: float) -> Numbers:
@@ -28,7 +28,10 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         rows = []
         for place, (name, known) in enumerate((("reckons with it", told), ("does not", dict.fromkeys(told, 0.0)))):
             controller = solved(**known)
-            worlds = {"as it is": sdhj.Sensing(**told), "perfect": sdhj.Sensing(delay=known["delay"])}
+            worlds = {
+                "as it is": sdhj.Sensing(**told, memory=False),
+                "perfect": sdhj.Sensing(delay=known["delay"], memory=False),
+            }
             runs = {world: drive(controller, sensing) for world, sensing in worlds.items()}
             ax = figure.add_subplot(grid[0, place])
             draw_sensed(ax, controller.table, *runs["as it is"])
@@ -42,7 +45,7 @@ def explore_sensing(problem: Any, drive: Callable[..., tuple[FloatArray, FloatAr
         return numbers
 
     controls = {
-        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.01, 0.02, live=False),
+        "error": slider("error e (m, m/s)", 0.0, 0.08, 0.005, 0.02, live=False),
         "delay": slider("delay d (s)", 0.0, 0.2, 0.02, 0.1, live=False),
         "jitter": slider("jitter j (s)", 0.0, 0.1, 0.01, 0.02, live=False),
     }

@@ -32,7 +32,22 @@ def explore_tube(table: Table) -> Explorer:
         "q1": angle("joint angle q1 (rad)", POSTURE[0]),
         "q2": angle("joint angle q2 (rad)", POSTURE[1]),
     }
-    return Explorer(draw, controls, size=TALL, alt="A slice of the tube beside the arm", motion="px", process="within")
+    return Explorer(draw, controls, size=TALL, alt="A slice of the tube beside the arm", motion="px")
+
+
+def explore_growing(steps: int = 20) -> Explorer:
+    """The tube while it grows from the target: the case study's 0.8 s, cut into more and shorter intervals."""
+    problem = sdhj.arm_case_study((25, 25, 13, 13), steps, delta=0.8 / steps)  # all axes at 25: 0.6 GB of tables
+    table = sdhj.solve(problem, progress=False, play=False)
+
+    def draw(figure: Figure, within: int, px: float, py: float) -> Numbers:
+        return draw_tube_and_arm(figure, table, state=(*POSTURE, px, py), within=within)
+
+    controls = {
+        "within": played(slider("within, steps to go n", 0, steps, 1, steps // 2)),
+        **agent_sliders(problem),
+    }
+    return Explorer(draw, controls, size=TALL, alt="The tube as it grows, step by step", process="within")
 
 
 def explore_pursuer(table: Table) -> Explorer:
@@ -142,7 +157,7 @@ def explore_evader(nodes: int = 25, method: str = "hji") -> Explorer:
 
     problem = sdhj.evader_case_study(nodes)
     controls = {
-        "v_e": slider("evader's speed (m/s)", 0.0, 0.6, 0.05, 0.1, live=False),
+        "v_e": slider("evader's speed (m/s)", 0.0, 0.5, 0.025, 0.1, live=False),
         "v_d": slider("disturbance (rad/s)", 0.0, 2.0, 0.1, 0.3, live=False),
         "radius": slider("evader's radius (m)", 0.05, 0.1, 0.01, 0.06, live=False),
         **agent_sliders(problem),

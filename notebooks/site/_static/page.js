@@ -1,5 +1,5 @@
 // What all pages do: code can be copied; on a telephone a wide picture scrolls in its box, and a wide table is a list.
-const NARROW = 640; // px: a picture does not become smaller, and tables of several columns stand on a wider page
+const SMALL = 320; // px: a wider picture does not become smaller than it is, or than the style sheet says
 
 function copied(pre) {
   const button = Object.assign(document.createElement("button"), { type: "button", className: "copy", textContent: "copy" });
@@ -12,8 +12,9 @@ function copied(pre) {
 }
 
 function boxed(image) {
-  if (image.naturalWidth <= NARROW || image.closest("table, .frames, .scrolls")) return;
+  if (image.naturalWidth <= SMALL || image.closest("table, .frames, .scrolls")) return;
   const box = Object.assign(document.createElement("span"), { className: "scrolls", tabIndex: 0 });
+  box.style.setProperty("--natural", `${image.naturalWidth}px`);
   image.replaceWith(box);
   box.append(image);
 }

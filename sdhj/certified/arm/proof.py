@@ -115,6 +115,11 @@ class ArmProof(Proof):
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
+    @property
+    def depends(self) -> FloatArray:
+        """See `Images.depends`: each on its own."""
+        return read_only(np.eye(4, dtype=np.bool_))
+
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """See `GeneralProof.image`."""
         at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some

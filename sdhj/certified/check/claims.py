@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 SHOWN = 5  # failures listed for each claim
-COVER, GROW, GOALS, NEARER = (
+COVER, GROW, GOALS, ARRIVE, NEARER = (
     "cells cover the axes",
     "sets grow with the steps to go",
     "in the target, and safe",
+    "into the target itself",
     "one step nearer",
 )
 

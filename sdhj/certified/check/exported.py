@@ -3,6 +3,9 @@
 What was rounded, merged or packed on the way is of no matter: this reader shares no code with what wrote the file, and
 asks of every cell and every input in its word what `verify` asks of some input. A word may claim less than is proved.
 
+The images of a table for a controller that remembers are neither wider nor narrower than those that the file proves: of
+a narrower one the state may be outside, a wider one may hold cells from which nothing is proved (`images_differ`).
+
 Of a robot of one's own: a cell is in the set of the steps to go that it claims (`steps`); under each input that is
 claimed the cell is clear, and all cells that it may lead to are in the set with a step less (`safe`, `select`), or in
 that of all remaining steps (`filter`); under others it is clear (`clear`). Of an arm the same, where each input of each
@@ -15,13 +18,14 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check.arm.claims import Arm, erode_all, shared
+from sdhj.certified.check.arm.claims import Arm, erode_all, overlapped, shared
 from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
@@ -39,28 +43,32 @@ class Words:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """Read an exported file; refused where a digest, a length or a number does not fit."""
-        data = Path(path).read_bytes()
-        whole = len(data) >= HEAD and data[:8] == MAGIC and struct.unpack_from("<I", data, 8) == (1,)
-        whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
-        expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
-        numbers = struct.unpack_from("<16I", data, 16)
+        version, data = _whole(path)
+        numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
-        record, words, width, index_width, bodies, body_bytes, tests, at_width = numbers[8:]
+        record, words, width, index_width, bodies, body_bytes, tests, at_width, self.leads = numbers[8:]
         expect(size == len(data) and 1 <= ndim <= 6 and 1 <= inputs, "the exported table must have its bytes", size)
         self.counts, self.sides, periodic, _ = np.frombuffer(data, "<u4", 24, 160).reshape(4, 6)[:, :ndim].astype(int)
         self.periodic, reals = periodic % 2 == 1, np.frombuffer(data, "<f8", 38, 256)
-        self.layers = np.stack([periodic >> 1 & 1, periodic >> 2], axis=1)  # at the lower, at the upper end
+        self.layers = np.stack([periodic >> 1 & 1, periodic >> 2 & 63], axis=1)  # at the lower, at the upper end
+        self.reads = (periodic[:, None] >> 8 + np.arange(ndim)) & 1 == 1
+        shown = self.leads or periodic.max() < 256  # which axes images depend on
+        fits = version == 1 + (self.leads > 0) and shown and not (periodic >> 8 + ndim).any()
+        expect(fits, "only a table of version 2 has images", self.leads)
         self.lower, self.width, self.length, self.error, _, self.slack = reals[:36].reshape(6, 6)[:, :ndim]
         self.delta = reals[36]
         expect(bool((self.counts > 0).all() and (self.sides > 0).all()), "there must be cells", self.counts)
         self.blocks, self.problem = -(-self.counts // self.sides), data[96:128].hex()
         number, cells = math.prod(self.blocks.tolist()) * self.starts, math.prod(self.sides.tolist())
+        shapes = [(self.leads, inputs, *self.counts[reads].tolist(), 2) for reads in self.reads]
+        images = sum(2 * math.prod(shape) for shape in shapes)
         lengths = (words * record, inputs * components * 8, inputs * 2, number * index_width, bodies * at_width)
         parts, at = list[bytes](), HEAD
-        for length in (*lengths, body_bytes, tests * (2 * ndim + 2)):
+        for length in (*lengths, body_bytes, images, tests * (2 * ndim + 2)):
             parts.append(data[at : at + length])
             at += -(-length // 8) * 8
-        expect(at == size and len(parts[6]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
+        expect(at == size and len(parts[7]) == tests * (2 * ndim + 2), "the parts of the exported table must fit", at)
+        self.images = _arrays(parts[6], shapes)
         self.inputs = np.frombuffer(parts[1], "<f8").reshape(inputs, components)
         self.index = _numbers(parts[3], index_width).reshape(self.starts, *self.blocks)
         expect(int(self.index.max()) < bodies, "blocks must have a body", bodies)
@@ -73,14 +81,7 @@ class Words:
                 long = {"steps": 4, "select": 2}.get(name, mask)
                 found[name], begin = rows[:, begin : begin + long], begin + long
         expect(begin == record, "words must have their fields", record)
-        self.fields = {
-            name: np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
-            for name, some in found.items()
-            if name not in ("steps", "select")
-        }
-        for name in ("steps", "select"):
-            if name in found:
-                self.fields[name] = _numbers(found[name].tobytes(), found[name].shape[1])
+        self.fields = _fields(found, inputs)
 
     def ids(self, start: int) -> Array:
         """The words of the cells at a start: (cells,)."""
@@ -88,6 +89,33 @@ class Words:
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
         return np.ascontiguousarray(whole[tuple(slice(n) for n in self.counts)]).ravel()
+
+
+def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
+    """The version of an exported file and its bytes; refused where a digest does not fit."""
+    data = Path(path).read_bytes()
+    whole = len(data) >= HEAD and data[:8] == MAGIC
+    version = struct.unpack_from("<I", data, 8)[0] if whole else 0
+    expect(not whole or version in (1, 2), "the exported table must be of version 1 or 2; export it anew", version)
+    whole = whole and zlib.crc32(data[:12] + data[16:]) == struct.unpack_from("<I", data, 12)[0]
+    expect(whole and hashlib.sha256(data[160:]).digest() == data[128:160], "the exported table must be whole", path)
+    return version, data
+
+
+def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
+    """Arrays of some shapes, of numbers of 16 bits, one behind the other."""
+    each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+    return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
+
+
+def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
+    """The fields of words, (words, bytes) each, as whole numbers or as inputs: bool (words, inputs)."""
+    return {
+        name: _numbers(some.tobytes(), some.shape[1])
+        if name in ("steps", "select")
+        else np.unpackbits(some, axis=1, count=inputs, bitorder="little").astype(bool)
+        for name, some in found.items()
+    }
 
 
 def _numbers(data: bytes, width: int) -> Array:
@@ -122,6 +150,38 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
         counted[name][1] += failures
     for name, (made, failures) in counted.items():
         yield Claim(f"exported: {name}", made, made, failures)
+    if words.leads:
+        made = sum(own[..., 0].size for own in words.images)
+        yield Claim("exported: images", made, made, list(images_differ(words, sets)))
+
+
+def images_differ(words: Words, sets: Any) -> Iterator[str]:
+    """Steps, inputs and axes of which the exported images are not those that are proved."""
+    for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
+        for start, j in np.ndindex(own.shape[:2]):
+            said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
+            if isinstance(sets, Arm):
+                same = _led_as_an_arm(said, sets, axis, j)
+            else:
+                proved = [
+                    of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)
+                ]
+                same = all(bool((said[..., side] == proved[side]).all()) for side in (0, 1))
+            if not same:
+                yield f"start {start}, input {j}, axis {axis}"
+
+
+def _led_as_an_arm(said: Array, sets: Arm, axis: int, j: int) -> bool:
+    """Whether the images of an arm along an axis, said (..., 2), are the cells that `verify` works out."""
+    n, drift = int(sets.counts[axis]), sets.scene.inputs()[j][axis] if axis < 2 else Fraction(0)
+    push = sets.scene.push(axis)
+    if said.size != 2 * n:  # it depends on this axis alone
+        return False
+    found = []
+    for first, last in (np.arange(n)[:, None] + said.reshape(n, 2)).tolist():
+        cells = range(first, min(last, first + n - 1) + 1)
+        found.append(sorted({cell % n for cell in cells} if axis < 2 else {min(max(cell, 0), n - 1) for cell in cells}))
+    return found == overlapped(axis, sets, drift - push, drift + push)
 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
@@ -152,6 +212,10 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
         ),
         "delay": (0.0, float(head.get("sensing", {}).get("delay", 0.0))),
         "problem": (words.problem, head["digest"]),
+        "steps with images of their own": (
+            words.leads,
+            (1 if isinstance(sets, Arm) else len(sets.low)) if head.get("sensing", {}).get("memory", False) else 0,
+        ),
     }
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
 

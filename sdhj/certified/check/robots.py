@@ -6,7 +6,10 @@
     that the cell sweeps; boxes for which this is open are halved along each axis, `DEEPEST` times. Blocks of cells that
     move alike are looked at first, and cells one by one where that leaves it open.
 3.  *Goals* are inside the target and outside the unsafe sets at t_k, halved as there.
-4.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}.
+4.  *Into the target itself.* Where the file says so of an input and a cell's site, its part of a cell that moves and
+    target depend on, the target's function is at most zero at t_{k+1} in the box that the cell is led into.
+5.  *Steps.* For every new cell of S_k^n an input is clear and its cells, counted, are all in S_{k+1}^{n-1}, or it leads
+    into the target itself: outside the unsafe sets it then is, being clear at the end of the interval, too.
 
 Of what has wholly left over a safe end nothing more is asked.
 
@@ -28,7 +31,7 @@ from tqdm import tqdm
 
 from sdhj.certified.check import balls
 from sdhj.certified.check.bits import Array
-from sdhj.certified.check.claims import COVER, GOALS, GROW, NEARER, Claim
+from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
 from sdhj.certified.check.lattice import Holds, Lattice, memory, overlap, pieces_of, sums
@@ -168,11 +171,27 @@ class Robot(Sets):
         self.lines = Lines(self, stated, arrays) if "normals" in stated else None
         clear = self.steps if moving else 1, math.prod(self.counts.tolist()), -(-self.count // 8)
         self.clear = array(arrays, "clear", np.uint8, *clear)
+        self.sites, self.arrives = self.read_arrivals(stated, arrays)
         self.time_invariant = len(self.index) != pairs
         fits = not self.time_invariant or (not moving and len(self.index) in (1, self.steps + 1))  # check 7.13
         fits = fits and (self.target is not None or not endless or len(self.index) == 1)
         # check 7.14
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
+
+    def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
+        """Strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes)."""
+        if not stated.get("arrives"):
+            return np.zeros(len(self.counts), np.int64), np.zeros((0, 0, 0), np.uint8)
+        # who measures does not know that he is in the target but by the cells of a goal
+        fits = self.target is not None and not self.sensing  # check 7.55
+        expect(fits, "only states that are known may be led into a target itself", stated["arrives"])
+        assert self.target is not None
+        some = self.known.copy()
+        some[list(self.target.axes)] = True  # check 5.17
+        counts = np.where(some, self.counts, 1)
+        starts = self.steps if self.moves.timed or self.target.moving else 1  # check 5.18
+        strides = np.where(some, np.cumprod([1, *counts[:0:-1]])[::-1], 0)
+        return strides, array(arrays, "arrives", np.uint8, starts, math.prod(counts.tolist()), -(-self.count // 8))
 
     def cover(self) -> list[str]:
         """Faults of the cells: those that move alike are alike, and no wall holds them back on the way."""
@@ -268,9 +287,9 @@ class Robot(Sets):
 
     # ---- moves
 
-    def cells_at(self, places: Array) -> Array:
-        """A cell (M, ndim) at each place, the first on the other axes."""
-        own = zip(self.strides.tolist(), self.counts.tolist(), strict=True)
+    def cells_at(self, places: Array, strides: Array | None = None) -> Array:
+        """A cell (M, ndim) at each place, or at a number by other strides, the first on the other axes."""
+        own = zip((self.strides if strides is None else strides).tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
 
     def boxes(self, places: Array) -> Array:
@@ -291,7 +310,8 @@ class Robot(Sets):
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
-        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * self.off)  # check 3.9
+        off = np.where(self.known_at_wall(places), 0.0, self.off)
+        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
         for part in range(self.parts):
             a, b = moved
@@ -307,11 +327,24 @@ class Robot(Sets):
         last = np.stack([least, most]) if self.jitter else moved
         if not self.sensing.memory:  # check 3.11
             return swept, held(last + OUTWARD * self.off)  # check 3.10
-        first, second = (
-            at + last - OUTWARD * self.off
-        )  # what is carried on is that much farther inside, or in the middle
+        # what is carried on is that much farther inside, or in the middle
+        first, second = at + last - OUTWARD * self.off
         middle = (first > second) & self.known  # check 3.13
-        return swept, held(np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off))  # check 3.12
+        points = np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off)  # check 3.12
+        whole = np.array(self.layers, np.bool_).T
+        low, high = at + last
+        beside = self.near + STICKS_OUT * self.scale  # what is so near to a wall is in its layer
+        at_wall = (whole[0] & (high <= grid.lower + beside)) | (whole[1] & (low >= grid.upper - beside))
+        beside += STICKS_OUT * self.scale
+        points[1] = np.maximum(points[1], np.where(whole[0], grid.lower + beside - at[1], -np.inf))  # check 3.81
+        points[0] = np.minimum(points[0], np.where(whole[1], grid.upper - beside - at[0], np.inf))  # check 3.82
+        return swept, held(np.where(at_wall, last, points))
+
+    def known_at_wall(self, places: Array) -> Array:
+        """Along which axes who remembers to be in a cell at places (M,) knows the state: it is a layer, (M, ndim)."""
+        cells, layers = self.cells_at(places), np.array(self.layers, np.bool_).T
+        at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
+        return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
@@ -539,6 +572,30 @@ class Robot(Sets):
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
+    def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
+        """That inputs lead into the target itself from the sites of some cells (M,)."""
+        made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
+        some = np.zeros(self.arrives.shape[1], np.bool_)
+        some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
+        for step, j in tqdm([*product(range(len(self.arrives)), range(self.count))], desc="arrivals", disable=silent):
+            left = np.flatnonzero(some & ((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1))
+            checked += left.size
+            for finer in FINER:
+                if left.size:
+                    left = left[~by_slabs(partial(self.arrivals_hold, step=step, j=j, finer=finer), left)]
+            wrong.extend(f"start {step}, input {j}, site {site}" for site in left)
+        return Claim(ARRIVE, made, checked, wrong)
+
+    def arrivals_hold(self, sites: Array, step: int, j: int, finer: int) -> Array:
+        """Whether all that an input leads cells at some sites (M,) to at t_{k+1} is in the target: (M,)."""
+        assert self.target is not None
+        cells, start = self.cells_at(sites, self.sites), min(step, len(self.low) - 1)
+        places, at = np.unique(cells @ self.strides, return_inverse=True)
+        moved = self.driven(places, j, self.time(start), finer)[1][:, at]  # check 5.23
+        box = self.ends(cells, 2 * self.near) + moved  # check 5.19
+        times = self.time(step + 1), self.time(step + 1)  # check 5.20
+        return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
+
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
         inside = self.sums(following)
@@ -571,6 +628,10 @@ class Robot(Sets):
             some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
             inside[some] = self.lines.inside(self, cells[left[some]], start, j, counted)
         out[left] = gone | inside
+        if len(self.arrives):
+            sites = cells @ self.sites
+            marks = self.arrives[min(step, len(self.arrives) - 1), sites, j // 8]
+            out[left] |= (marks[left] >> np.uint8(j % 8)) & 1 == 1  # check 3.77
         return out
 
     def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
@@ -597,6 +658,8 @@ class Robot(Sets):
         if samples is not None:
             chosen[np.random.default_rng(seed).choice(size, min(samples, size), False)] = True
         yield from self.claims_of_moves(np.flatnonzero(chosen), silent)
+        if len(self.arrives):
+            yield self.claim_of_arrivals(np.flatnonzero(chosen), silent)  # check 5.22
         yield from self.claims_of_sets(chosen, silent)
         if samples is not None and balls.INSTALLED:
             yield self.claim_in_balls(np.flatnonzero(chosen)[:MOST_IN_BALLS], seed)

@@ -1,12 +1,14 @@
 """What an exported table claims beyond what is proved is refused, field by field; and what was written is proved."""
 
 import zlib
+from dataclasses import replace
 from functools import cache
 from hashlib import sha256
 
 import forged_robots
 import numpy as np
 import pytest
+import test_memory
 import toys
 
 import sdhj
@@ -15,12 +17,26 @@ from sdhj.certified.check.arm.claims import Arm
 from sdhj.certified.check.exported import Words, claims
 from sdhj.certified.check.reading import head_and_arrays
 from sdhj.certified.check.robots import Robot
-from sdhj.certified.export import FIELDS, packed_table
+from sdhj.certified.export import FIELDS, images_of, packed_table
 
 
 @cache
 def robot():
     return sdhj.solve(toys.unicycle_problem(), sdhj.Certified(cells=(20, 20, 24), parts=3), play=False, progress=False)
+
+
+@cache
+def joint():
+    """One that remembers, so that its file has images."""
+    table = sdhj.solve(test_memory.joint(0.02), sdhj.Certified(cells=(60, 60), parts=4), play=False, progress=False)
+    assert table.fraction() > 0.5
+    return table
+
+
+@cache
+def remembering_arm():
+    problem = replace(sdhj.arm_case_study(nodes=9, steps=1), sensing=sdhj.Sensing(0.01, memory=True))
+    return sdhj.solve(problem, sdhj.Certified(cells=(42, 42, 12, 12)), play=False, progress=False)
 
 
 @cache
@@ -127,6 +143,42 @@ def test_two_words_that_change_places_are_refused(tmp_path):
     one, other = (slice(begin + word * size, begin + word * size + size) for word in (first, second))
     data[one], data[other] = data[other], data[one]
     assert failed(robot(), signed(data), tmp_path)
+
+
+@pytest.mark.parametrize("table", [joint, pytest.param(remembering_arm, marks=pytest.mark.slow)])
+def test_images_are_what_is_proved_and_nothing_else(tmp_path, table):
+    """A cell short the state may be elsewhere; a cell more, and it is led to where nothing is proved."""
+    data, rng = exported_of(table()), np.random.default_rng(0)
+    assert not failed(table(), data, tmp_path)
+    images = b"".join(one.tobytes() for one in images_of(table())[2])
+    begin = data.index(images)
+    for _ in range(6):
+        bad, at = bytearray(data), begin + 2 * int(rng.integers(0, len(images) // 2))
+        own = int.from_bytes(bad[at : at + 2], "little", signed=True) + int(rng.choice([-1, 1]))
+        bad[at : at + 2] = own.to_bytes(2, "little", signed=True)
+        assert failed(table(), signed(bad), tmp_path) == {"exported: images"}
+
+
+def test_a_file_of_another_version_or_with_images_of_another_shape_is_refused(tmp_path):
+    data = exported_of(joint())
+    assert data[8] == 2 and exported_of(robot())[8] == 1
+    for at, value, sentence in (
+        (8, 3, "must be of version 1 or 2; export it anew"),
+        (8, 1, "only a table of version 2 has images"),
+        (80, 0, "only a table of version 2 has images"),
+        (80, 2, "parts of the exported table must fit"),
+        (209, 1, "parts of the exported table must fit"),  # layers are cells: 62 of the speed, 60 of the angle
+        (209, 3, "parts of the exported table must fit"),
+        (209, 4, "only a table of version 2 has images"),
+    ):
+        bad = bytearray(data)
+        bad[at] = value
+        with pytest.raises(ValueError, match=sentence):
+            failed(joint(), signed(bad), tmp_path)
+    bad = bytearray(exported_of(robot()))
+    bad[8] = 2
+    with pytest.raises(ValueError, match="only a table of version 2 has images"):
+        failed(robot(), signed(bad), tmp_path)
 
 
 def test_layers_are_those_of_the_table(tmp_path):
