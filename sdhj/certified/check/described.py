@@ -102,6 +102,46 @@ class BlackBox:
         return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
 
 
+class OfInputs:
+    """A function that each input has its own of, over boxes of many inputs at once.
+
+    Formulas that differ in constants alone are one, of which these are parameters: so it takes as long for many inputs
+    as for one with as many boxes.
+    """
+
+    def __init__(self, each: Sequence[Any], parameters: int) -> None:
+        """Functions of one input each, formulas with so many parameters or black boxes."""
+        self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
+        self.kind, self.row = (np.empty(len(each), np.int64) for _ in range(2))  # of each input, and its row of these
+        alike: dict[Any, tuple[Any, list[list[float]], list[int]]] = {}
+        for j, one in enumerate(each):
+            form, constants = one.without_constants(parameters) if isinstance(one, Formula) else (one, [])
+            key = form.form if isinstance(one, Formula) else j
+            _, rows, inputs = alike.setdefault(key, (form, [], []))
+            rows.append(constants)
+            inputs.append(j)
+        for number, (form, rows, inputs) in enumerate(alike.values()):
+            self.kinds.append((form, np.array(rows)))
+            self.kind[inputs], self.row[inputs] = number, np.arange(len(inputs))  # check 3.83
+
+    def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
+        """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results)."""
+        found: tuple[Array, Array] | None = None
+        kind, row = self.kind[inputs], self.row[inputs]
+        for number in range(len(self.kinds)) if len(self.kinds) == 1 else np.unique(kind):
+            function, constants = self.kinds[number]
+            own = np.flatnonzero(kind == number)
+            given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
+            given += [(one, one) for one in constants[row[own]].T]
+            part = function.bounds(low[own], high[own], *given)
+            if len(own) == len(inputs):
+                return tuple(part)
+            if found is None:
+                found = np.empty((2, len(inputs), part[0].shape[1]))
+            found[0][own], found[1][own] = part
+        return found[0], found[1]
+
+
 @dataclass(frozen=True)
 class Part:
     """The target or an unsafe set."""
@@ -212,6 +252,7 @@ class Velocity:
             expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
             self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
         self.all = [one for parts in self.own.values() for one in parts]
+        self.of = {name: OfInputs(each, 1 + d * (name == "velocity")) for name, each in self.own.items()}
 
     @property
     def timed(self) -> bool:
@@ -230,19 +271,18 @@ class Velocity:
             some += [one.part(axis * d, d) for one in own["gain"]]
         return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
 
-    def bounds(self, j: int, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
-        """Least and greatest velocity under u_j and any adversary, or none, over boxes (M, ndim): both (M, ndim)."""
+    def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
+        """Least and greatest velocity under inputs (M,) and any adversary, or none, over boxes (M, ndim): (M, ndim)."""
         half = np.zeros((len(low), self.adversaries))
         if pushed:  # check 3.31
-            half = np.maximum(*map(np.abs, self.own["bounds"][j].bounds(low, high, times)))  # check 3.32
+            half = np.maximum(*map(np.abs, self.of["bounds"].bounds(inputs, low, high, times)))  # check 3.32
         if not self.linear:
             pushes = ((-one, one) for one in half.T)  # check 3.34
-            found: tuple[Array, Array] = self.own["velocity"][j].bounds(low, high, times, *pushes)
-            return found
-        least, most = self.own["drift"][j].bounds(low, high, times)
+            return self.of["velocity"].bounds(inputs, low, high, times, *pushes)
+        least, most = self.of["drift"].bounds(inputs, low, high, times)
         if not pushed:
             return least, most
-        gain = np.maximum(*map(np.abs, self.own["gain"][j].bounds(low, high, times)))  # check 3.33
+        gain = np.maximum(*map(np.abs, self.of["gain"].bounds(inputs, low, high, times)))  # check 3.33
         each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
         many = 2 * (1 + self.adversaries)  # roundings, of products and of their sum, with some to spare
         push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY  # check 3.35

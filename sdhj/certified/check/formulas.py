@@ -148,6 +148,46 @@ class Formula:
         """Some of the results alone."""
         return Formula(self.nodes, self.results[first : first + count])
 
+    def without_constants(self, parameters: int) -> tuple["Formula", list[float]]:
+        """This formula with parameters, from this number of them on, where it has constants, and these in order.
+
+        Lines are in the order in which results lead to them: so formulas that differ in constants alone become one.
+        """
+        nodes, constants, at = list[Node](), list[float](), dict[int, int]()
+
+        def number(of: int) -> int:
+            """That of a line here; each constant is another one wherever it stands."""
+            if self.nodes[of].name != "const":
+                return at[of]
+            nodes.append(Node("p", (), (parameters + len(constants),)))
+            constants.append(self.nodes[of].given[0])
+            return len(nodes) - 1
+
+        left = [(of, False) for of in reversed(self.results)]
+        while left:
+            of, ready = left.pop()
+            node = self.nodes[of]
+            if of in at or node.name == "const":
+                continue
+            if node.operands and not ready:
+                left += [(of, True), *((operand, False) for operand in reversed(node.operands))]
+                continue
+            operands = tuple(number(operand) for operand in node.operands)
+            at[of] = len(nodes)
+            nodes.append(Node(node.name, operands, node.given))
+        results = tuple(number(of) for of in self.results)
+        return Formula(tuple(nodes), results), constants
+
+    @cached_property
+    def form(self) -> tuple[Any, ...]:
+        """What two formulas have in common that are the same, line by line."""
+        lines = []
+        for name, operands, given in ((node.name, node.operands, node.given) for node in self.nodes):
+            if name == "gridded":
+                given = id(given[0]), tuple(given[1]), tuple(given[2])
+            lines.append((name, operands, given))
+        return tuple(lines), self.results
+
     @cached_property
     def least_of(self) -> list["Formula"]:
         """The functions of whose values the one result is the least."""

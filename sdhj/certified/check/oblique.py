@@ -36,14 +36,14 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def rates_along(
-    velocity: Velocity, normals: Array, j: int, low: Array, high: Array, times: Times, cuts: int
+    velocity: Velocity, normals: Array, inputs: Array, low: Array, high: Array, times: Times, cuts: int
 ) -> tuple[Array, Array]:
-    """Least and greatest n . f under u_j and any adversary over boxes (M, ndim): both (M, K)."""
-    half = np.maximum(*map(np.abs, velocity.own["bounds"][j].bounds(low, high, times)))
+    """Least and greatest n . f under inputs (M,) and any adversary over boxes (M, ndim): both (M, K)."""
+    half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
-        least, most = spread(normals, *velocity.own["drift"][j].bounds(low, high, times))
+        least, most = spread(normals, *velocity.of["drift"].bounds(inputs, low, high, times))
         shape = len(low), velocity.ndim, velocity.adversaries
-        gain = [end.reshape(shape) for end in velocity.own["gain"][j].bounds(low, high, times)]
+        gain = [end.reshape(shape) for end in velocity.of["gain"].bounds(inputs, low, high, times)]
         for d in range(velocity.adversaries):
             far = np.maximum(*map(np.abs, spread(normals, gain[0][:, :, d], gain[1][:, :, d])))
             push = far * half[:, d, None] * (1 + ROUNDED)
@@ -54,7 +54,7 @@ def rates_along(
     for at in product(range(each), repeat=velocity.adversaries):
         shares = [(2 * i / each - 1, 2 * (i + 1) / each - 1) for i in at]
         pieces = [(a * one, b * one) for (a, b), one in zip(shares, half.T, strict=True)]
-        a, b = spread(normals, *velocity.own["velocity"][j].bounds(low, high, times, *pieces))
+        a, b = spread(normals, *velocity.of["velocity"].bounds(inputs, low, high, times, *pieces))
         least, most = np.minimum(least, a), np.maximum(most, b)  # check 3.74
     return least, most
 
@@ -104,16 +104,18 @@ class Lines:
                 rest //= numbers[:, place]
             yield row, at, rest == 0
 
-    def reached(self, robot: Any, boxes: Array, j: int, swept: Array, start: float, cuts: int) -> tuple[Array, Array]:
+    def reached(
+        self, robot: Any, boxes: Array, inputs: Array, swept: Array, start: float, cuts: int
+    ) -> tuple[Array, Array]:
         """How far the states of boxes (2, M, ndim) with tubes `swept` get along the normals: both (M, K)."""
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
         times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
         for part, when in enumerate(pairwise(times)):
             box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
-            def bounds(low: Array, high: Array, when: Times = when) -> tuple[Array, Array]:
+            def bounds(low: Array, high: Array, of: Array, when: Times = when) -> tuple[Array, Array]:
                 """Those of n . f in one part."""
-                return rates_along(robot.moves, self.normals, j, low, high, when, cuts)  # check 3.71
+                return rates_along(robot.moves, self.normals, inputs[of], low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
             # check 3.70
@@ -121,8 +123,8 @@ class Lines:
             out += found + ROUNDED * np.array([[[-1.0]], [[1.0]]]) * (np.abs(found) + np.abs(out))
         return out[0], out[1]
 
-    def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: int, swept: Array, cuts: int) -> Array:
-        """Whether the lines of places hold all that is between the planes, and `halo` all that ends may meet: (M,)."""
+    def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: Array, swept: Array, cuts: int) -> Array:
+        """Whether the lines of places under inputs j (M,) hold all that is between the planes, and `halo` all that ends may meet: (M,)."""
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
         # check 3.57

@@ -62,13 +62,15 @@ NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 14  # boxes
 HALVES_AT_ONCE = 1 << 12
+NUMBERS_AT_ONCE = 1 << 22  # cells of several inputs
 MOST_IN_BALLS = 100  # cells
 FEW = 8  # cells in one that is looked at are too many to be counted
 MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
-Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
+# of boxes, both (M, axes), and their numbers to bounds of a function there
+Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -136,8 +138,11 @@ class Robot(Sets):
         ndim, cells = len(counts), math.prod(counts)
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
         chosen = cells if samples is None else min(samples, cells)
-        boxes = min(places, chosen)
-        swept = boxes * (16 * ndim * parts + 32) + min(boxes, BOXES_AT_ONCE) * 16 * ndim * (parts + 60)
+        looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
+        inputs, boxes = arrays["low"].shape[1], min(places, chosen)
+        several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
+        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 60)
+        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
@@ -146,7 +151,6 @@ class Robot(Sets):
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
             lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
         lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
-        looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
@@ -230,20 +234,21 @@ class Robot(Sets):
         """Bounds of a function that a set is made of, both (M,)."""
         if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
-        least, most = self.cut(part.axes, box, lambda low, high: one.bounds(low, high, times))
+        least, most = self.cut(part.axes, box, lambda low, high, _: one.bounds(low, high, times))
         return least[:, 0], most[:, 0]
 
-    def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
-        """Bounds of the velocity under u_j and any adversary, or none, both (M, ndim)."""
-        axes = range(len(self.counts))
-        return self.cut(axes, box, lambda low, high: self.moves.bounds(j, low, high, times, pushed))
+    def velocity(self, j: Any, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
+        """Bounds of the velocity under an input, or one of each box (M,), and any adversary, or none: (M, ndim)."""
+        axes, inputs = range(len(self.counts)), np.broadcast_to(j, box.shape[1])
+        # check 3.84
+        return self.cut(axes, box, lambda low, high, of: self.moves.bounds(inputs[of], low, high, times, pushed))
 
-    def cut(self, axes: Iterable[int], box: Array, bounds: Bounds) -> tuple[Array, Array]:
+    def cut(self, axes: Iterable[int], box: Array, bounds: Bounds, of: Array | None = None) -> tuple[Array, Array]:
         """Bounds over boxes, evaluated within the ends of the axes: in two halves where a periodic one closes.
 
-        Where nothing is known they are infinite.
+        Where nothing is known they are infinite. of (M,) : numbers of the boxes, if they are some of more.
         """
-        box, grid = box.copy(), self.grid
+        box, grid, of = box.copy(), self.grid, np.arange(box.shape[1]) if of is None else of
         for column, axis in enumerate(axes):
             least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
             if not self.periodic[axis]:
@@ -255,11 +260,12 @@ class Robot(Sets):
                 second = box[:, over]
                 second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
                 b[over] = most
-                (low, high), beyond = self.cut(axes, box, bounds), self.cut(axes, second, bounds)
+                # check 3.85
+                (low, high), beyond = self.cut(axes, box, bounds, of), self.cut(axes, second, bounds, of[over])
                 # check 4.42
                 low[over], high[over] = np.minimum(low[over], beyond[0]), np.maximum(high[over], beyond[1])
                 return low, high
-        low, high = bounds(box[0], box[1])
+        low, high = bounds(box[0], box[1], of)
         return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 
     # ---- predictions
@@ -297,8 +303,11 @@ class Robot(Sets):
         whole = np.array([self.grid.lower, self.grid.upper])[:, None]
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
-    def driven(self, places: Array, j: int, start: float, finer: int) -> tuple[Array, Array]:
-        """How far the ends of boxes at places move: in each part (M, parts, 2, ndim), at last (2, M, ndim)."""
+    def driven(self, places: Array, j: Any, start: float, finer: int) -> tuple[Array, Array]:
+        """How far the ends of boxes at places move under an input, or one of each (M,), from a time on.
+
+        In each part (M, parts, 2, ndim), at last (2, M, ndim).
+        """
         grid, at = self.grid, self.boxes(places)
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
@@ -346,7 +355,7 @@ class Robot(Sets):
         at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
         return at_wall & self.known & self.sensing.memory
 
-    def piece(self, box: Array, moved: Array, j: int, times: Times) -> Array:
+    def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
         """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
         h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
         for _ in range(30):
@@ -365,8 +374,9 @@ class Robot(Sets):
         every = np.tile(enclosure, (1 + len(faces), 1, 1, 1))
         for face, (axis, side) in zip(every[1:], faces, strict=True):
             face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]  # check 3.24
+        inputs = np.tile(np.broadcast_to(j, len(out[0])), len(every))
         # check 3.21
-        found = np.stack(self.velocity(j, np.concatenate(every, axis=1), times)).reshape(
+        found = np.stack(self.velocity(inputs, np.concatenate(every, axis=1), times)).reshape(
             2, len(every), *enclosure.shape[1:]
         )
         out = found[:, 0]
@@ -374,8 +384,8 @@ class Robot(Sets):
             out[side, :, axis] = found[side, own, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
-    def moves_hold(self, places: Array, start: int, j: int, moved: Array) -> Array:
-        """Whether what is reached from places lies in the cells that the file says: (M,) bool."""
+    def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
+        """Whether what is reached from places under an input, or one of each, lies in the cells of the file: (M,)."""
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (lower, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
@@ -577,21 +587,29 @@ class Robot(Sets):
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
         some = np.zeros(self.arrives.shape[1], np.bool_)
         some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
-        for step, j in tqdm([*product(range(len(self.arrives)), range(self.count))], desc="arrivals", disable=silent):
-            left = np.flatnonzero(some & ((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1))
+        bar, size = tqdm(total=len(self.arrives) * self.count, desc="arrivals", disable=silent), some.size
+        for step, group in product(range(len(self.arrives)), self.groups(1, size)):
+            flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
+            left = np.concatenate([j * size + np.flatnonzero(own) for j, own in zip(group, flags, strict=True)])
             checked += left.size
             for finer in FINER:
                 if left.size:
-                    left = left[~by_slabs(partial(self.arrivals_hold, step=step, j=j, finer=finer), left)]
-            wrong.extend(f"start {step}, input {j}, site {site}" for site in left)
+                    left = left[~by_slabs(partial(self.arrivals_hold, step=step, finer=finer), left)]
+            wrong.extend(f"start {step}, input {pair // size}, site {pair % size}" for pair in left)
+            bar.update(len(group))
+        bar.close()
         return Claim(ARRIVE, made, checked, wrong)
 
-    def arrivals_hold(self, sites: Array, step: int, j: int, finer: int) -> Array:
-        """Whether all that an input leads cells at some sites (M,) to at t_{k+1} is in the target: (M,)."""
+    def arrivals_hold(self, pairs: Array, step: int, finer: int) -> Array:
+        """Whether all that inputs lead cells at some sites to at t_{k+1} is in the target: (M,).
+
+        pairs (M,) : an input times all sites, and a site.
+        """
         assert self.target is not None
-        cells, start = self.cells_at(sites, self.sites), min(step, len(self.low) - 1)
-        places, at = np.unique(cells @ self.strides, return_inverse=True)
-        moved = self.driven(places, j, self.time(start), finer)[1][:, at]  # check 5.23
+        inputs, sites = np.divmod(pairs, self.arrives.shape[1])
+        cells, start, size = self.cells_at(sites, self.sites), min(step, len(self.low) - 1), self.low.shape[2]
+        places, at = np.unique(inputs * size + cells @ self.strides, return_inverse=True)
+        moved = self.driven(places % size, places // size, self.time(start), finer)[1][:, at]  # check 5.23
         box = self.ends(cells, 2 * self.near) + moved  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
@@ -684,45 +702,73 @@ class Robot(Sets):
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
         at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
-        places, row = np.unique(at), np.empty(all_places, np.int64)
-        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
+        places = np.unique(at)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
-        for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):  # check 4.27
+        bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
+        looks = len(self.clear) if starts == 1 else 1
+        for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
-            flags = {step: (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1 for step in steps}
-            open_ = {step: np.flatnonzero(flags[step][numbers]) for step in steps}
-            made += sum(int(f.sum()) for f in flags.values())
-            checked += sum(some.size for some in open_.values())
-            moving = places
+            moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
+            for j, step in product(group, steps):
+                flags = (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1
+                open_[j][step] = np.flatnonzero(flags[numbers])
+                made, checked = made + int(flags.sum()), checked + open_[j][step].size
             for finer in FINER:
-                needed = np.zeros(all_places, np.bool_)
-                for some in (moving, *(at[some] for some in open_.values())):
-                    needed[some] = True
-                looked_at = np.flatnonzero(needed)
-                if not looked_at.size:
-                    break
-                row[looked_at] = np.arange(looked_at.size)
-                swept = np.empty((looked_at.size, self.parts, 2, self.grid.ndim))
-                held = np.empty(looked_at.size, np.bool_)
-                for begin in range(0, looked_at.size, BOXES_AT_ONCE):
-                    own = slice(begin, begin + BOXES_AT_ONCE)
-                    swept[own], last = self.driven(looked_at[own], j, self.time(start), finer)  # check 3.20
-                    held[own] = self.moves_hold(looked_at[own], start, j, last)  # check 3.30
-                    if self.lines is not None:
-                        box = self.boxes(looked_at[own])
-                        # check 3.68
-                        held[own] &= self.lines.hold(self, box, looked_at[own], start, j, swept[own], 4 * finer)
-                moving = np.intersect1d(moving, looked_at[~held])
-                for step, some in open_.items():
-                    if counted:
-                        rows = row[at[some]]
-                        some = some[~self.clear_by_lattice(step, j, numbers[some], looked_at, swept, rows)]
-                    open_[step] = some[~self.clear_in_slabs(step, j, numbers[some], swept, row[at[some]])]
-            wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
-            wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])
+                self.narrow(start, finer, moving, open_, numbers, at)
+            for j in group:
+                wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving[j])
+                some = open_[j].items()
+                wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, each in some for n in numbers[each])
+            bar.update(len(group))
+        bar.close()
         yield Claim("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])
         yield Claim("clear of the unsafe sets", made, checked, wrong[1])
+
+    def narrow(
+        self,
+        start: int,
+        finer: int,
+        moving: dict[int, Array],
+        open_: dict[int, dict[int, Array]],
+        numbers: Array,
+        at: Array,
+    ) -> None:
+        """Leave of some inputs' places, `moving`, and of their cells at each step, `open_`, what is not proved so fine.
+
+        numbers, at (M,) : of the cells that are counted in `open_`, and the places where they are.
+        """
+        size = self.low.shape[2]
+        needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
+        for own, (j, some) in zip(needed, moving.items(), strict=True):
+            for each in (some, *(at[cells] for cells in open_[j].values())):
+                own[each] = True
+        which, places = np.nonzero(needed)
+        of, count = np.array([*moving])[which], len(places)
+        swept, held = np.empty((count, self.parts, 2, self.grid.ndim)), np.empty(count, np.bool_)
+        for begin in range(0, count, BOXES_AT_ONCE):
+            own = slice(begin, begin + BOXES_AT_ONCE)
+            swept[own], last = self.driven(places[own], of[own], self.time(start), finer)  # check 3.20
+            held[own] = self.moves_hold(places[own], start, of[own], last)  # check 3.30
+            if self.lines is not None:
+                box = self.boxes(places[own])
+                # check 3.68
+                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer)
+        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
+        for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
+            own = slice(begin, end)
+            looked_at, ways = places[own], swept[own]
+            row[looked_at] = np.arange(looked_at.size)
+            moving[j] = np.intersect1d(moving[j], looked_at[~held[own]])
+            for step, some in open_[j].items():
+                if counted:
+                    some = some[~self.clear_by_lattice(step, j, numbers[some], looked_at, ways, row[at[some]])]
+                open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
+
+    def groups(self, boxes: int, numbers: int) -> list[range]:
+        """Inputs that are looked at together, where each is in so many boxes, and of so many cells."""
+        together = max(min(BOXES_AT_ONCE // max(boxes, 1), NUMBERS_AT_ONCE // max(numbers, 1)), 1)
+        return [range(j, min(j + together, self.count)) for j in range(0, self.count, together)]
 
     def claims_of_sets(self, chosen: Array, silent: bool) -> Iterator[Claim]:
         """Goals, whether sets grow (without a target: shrink), and every step."""
