@@ -109,8 +109,9 @@ class OfInputs:
     as for one with as many boxes.
     """
 
-    def __init__(self, each: Sequence[Any], parameters: int) -> None:
-        """Functions of one input each, formulas with so many parameters or black boxes."""
+    def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
+        """Functions of one input each with so many results, formulas with so many parameters or black boxes."""
+        self.results = results
         self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
         self.kind, self.row = (np.empty(len(each), np.int64) for _ in range(2))  # of each input, and its row of these
         alike: dict[Any, tuple[Any, list[list[float]], list[int]]] = {}
@@ -121,24 +122,21 @@ class OfInputs:
             rows.append(constants)
             inputs.append(j)
         for number, (form, rows, inputs) in enumerate(alike.values()):
+            if isinstance(form, Formula):
+                form, rows = form.with_constants(parameters, rows)
             self.kinds.append((form, np.array(rows)))
             self.kind[inputs], self.row[inputs] = number, np.arange(len(inputs))  # check 3.83
 
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
         """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results)."""
-        found: tuple[Array, Array] | None = None
-        kind, row = self.kind[inputs], self.row[inputs]
-        for number in range(len(self.kinds)) if len(self.kinds) == 1 else np.unique(kind):
+        kind, found = self.kind[inputs], np.empty((2, len(inputs), self.results))
+        kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
+        for number in kinds:
             function, constants = self.kinds[number]
-            own = np.flatnonzero(kind == number)
+            own: Any = slice(None) if len(kinds) == 1 else np.flatnonzero(kind == number)
             given = [(a[own], b[own]) if np.ndim(a) else (a, b) for a, b in parameters]
-            given += [(one, one) for one in constants[row[own]].T]
-            part = function.bounds(low[own], high[own], *given)
-            if len(own) == len(inputs):
-                return tuple(part)
-            if found is None:
-                found = np.empty((2, len(inputs), part[0].shape[1]))
-            found[0][own], found[1][own] = part
+            given += [(one, one) for one in constants[self.row[inputs[own]]].T]
+            found[0, own], found[1, own] = function.bounds(low[own], high[own], *given)
         return found[0], found[1]
 
 
@@ -252,7 +250,8 @@ class Velocity:
             expect(fits, f"{name} must have {len(inputs) * each} results", len(found.results))
             self.own[name] = [found.part(j * each, each) for j in range(len(inputs))]
         self.all = [one for parts in self.own.values() for one in parts]
-        self.of = {name: OfInputs(each, 1 + d * (name == "velocity")) for name, each in self.own.items()}
+        sizes = {"bounds": (d,), "drift": (n,), "gain": (n * d,), "velocity": (n, 1 + d)}
+        self.of = {name: OfInputs(each, *sizes[name]) for name, each in self.own.items()}
 
     @property
     def timed(self) -> bool:

@@ -178,6 +178,16 @@ class Formula:
         results = tuple(number(of) for of in self.results)
         return Formula(tuple(nodes), results), constants
 
+    def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
+        """This formula with constants in place of parameters, from this number on, that are one in all rows; the rest."""
+        kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
+        new = {parameters + k: Node("p", (), (parameters + place,)) for place, k in enumerate(kept)}
+        nodes = list(self.nodes)
+        for number, node in enumerate(nodes):
+            if node.name == "p" and (k := node.given[0]) >= parameters:
+                nodes[number] = new.get(k) or Node("const", (), (rows[0][k - parameters],))
+        return Formula(tuple(nodes), self.results), [[row[k] for k in kept] for row in rows]
+
     @cached_property
     def form(self) -> tuple[Any, ...]:
         """What two formulas have in common that are the same, line by line."""

@@ -243,12 +243,13 @@ class Robot(Sets):
         # check 3.84
         return self.cut(axes, box, lambda low, high, of: self.moves.bounds(inputs[of], low, high, times, pushed))
 
-    def cut(self, axes: Iterable[int], box: Array, bounds: Bounds, of: Array | None = None) -> tuple[Array, Array]:
+    def cut(self, axes: Iterable[int], box: Array, bounds: Bounds) -> tuple[Array, Array]:
         """Bounds over boxes, evaluated within the ends of the axes: in two halves where a periodic one closes.
 
-        Where nothing is known they are infinite. of (M,) : numbers of the boxes, if they are some of more.
+        Where nothing is known they are infinite.
         """
-        box, grid, of = box.copy(), self.grid, np.arange(box.shape[1]) if of is None else of
+        box, grid, count, halves = box.copy(), self.grid, box.shape[1], list[tuple[Array, int]]()
+        of = np.arange(count)
         for column, axis in enumerate(axes):
             least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
             if not self.periodic[axis]:
@@ -256,16 +257,18 @@ class Robot(Sets):
                 continue
             full, turns = b - a >= most - least, np.floor((a - least) / (most - least)) * (most - least)  # check 4.43
             a[:], b[:] = np.where(full, least, np.maximum(a - turns, least)), np.where(full, most, b - turns)
-            if (over := b > most).any():
+            if (over := np.flatnonzero(b > most)).size:
                 second = box[:, over]
                 second[0, :, column], second[1, :, column] = least, b[over] - (most - least)
                 b[over] = most
-                # check 3.85
-                (low, high), beyond = self.cut(axes, box, bounds, of), self.cut(axes, second, bounds, of[over])
-                # check 4.42
-                low[over], high[over] = np.minimum(low[over], beyond[0]), np.maximum(high[over], beyond[1])
-                return low, high
+                halves.append((over, len(of)))
+                box, of = np.concatenate([box, second], axis=1), np.concatenate([of, of[over]])  # check 3.85
         low, high = bounds(box[0], box[1], of)
+        for over, begin in reversed(halves):
+            own = slice(begin, begin + len(over))
+            # check 4.42
+            low[over], high[over] = np.minimum(low[over], low[own]), np.maximum(high[over], high[own])
+        low, high = low[:count], high[:count]
         return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)
 
     # ---- predictions
