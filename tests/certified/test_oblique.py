@@ -298,7 +298,7 @@ BELIEVED = {
     "lines": ("3.68 drop", "a line that ends a cell early"),
     "the way of what velocities depend on": ("3.69 put 2 {3}", "lines without the way"),
     "all of the time": ("3.70 put 16 0.9 * {16}", "lines of less time"),
-    "all times of a part": ("3.71 put 10 ({10}[0],) * 2", "lines of begins of parts"),
+    "all times of a part": ("3.71 put 12 ({12}[0],) * 2", "lines of begins of parts"),
     "sums before": ("3.72 zero 7", "lines without what is before"),
     "sums behind": ("3.73 zero 7", "lines without what is behind"),
     "all pieces of v": ("3.74 put 5 {9}", "an end that v leads to soon"),

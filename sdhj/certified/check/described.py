@@ -127,8 +127,17 @@ class OfInputs:
             self.kinds.append((form, np.array(rows)))
             self.kind[inputs], self.row[inputs] = number, np.arange(len(inputs))  # check 3.83
 
+        form, constants = self.kinds[0]
+        known = len(self.kinds) == 1 and isinstance(form, Formula) and not constants.size
+        self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.89
+
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
-        """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results)."""
+        """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results).
+
+        Both are (1, results) where all inputs have one value everywhere.
+        """
+        if self.constant:
+            return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])  # check 3.88
         kind, found = self.kind[inputs], np.empty((2, len(inputs), self.results))
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
@@ -271,18 +280,22 @@ class Velocity:
         return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
 
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
-        """Least and greatest velocity under inputs (M,) and any adversary, or none, over boxes (M, ndim): (M, ndim)."""
-        half = np.zeros((len(low), self.adversaries))
+        """Least and greatest velocity under inputs (M,) and any adversary, or none, over boxes (M, ndim).
+
+        Both are (M, ndim), or (1, ndim) where it is the same everywhere.
+        """
+        half = np.zeros((1, self.adversaries))
         if pushed:  # check 3.31
             half = np.maximum(*map(np.abs, self.of["bounds"].bounds(inputs, low, high, times)))  # check 3.32
         if not self.linear:
+            half = np.broadcast_to(half, (len(low), self.adversaries))
             pushes = ((-one, one) for one in half.T)  # check 3.34
             return self.of["velocity"].bounds(inputs, low, high, times, *pushes)
         least, most = self.of["drift"].bounds(inputs, low, high, times)
         if not pushed:
             return least, most
         gain = np.maximum(*map(np.abs, self.of["gain"].bounds(inputs, low, high, times)))  # check 3.33
-        each = gain.reshape(len(low), self.ndim, self.adversaries) * half[:, None]
+        each = gain.reshape(-1, self.ndim, self.adversaries) * half[:, None]
         many = 2 * (1 + self.adversaries)  # roundings, of products and of their sum, with some to spare
         push = each.sum(axis=2) * (1 + many * intervals.UNIT) + many * intervals.TINY  # check 3.35
         return intervals.outward(least - push, most + push)

@@ -159,7 +159,7 @@ class Formula:
             """That of a line here; each constant is another one wherever it stands."""
             if self.nodes[of].name != "const":
                 return at[of]
-            nodes.append(Node("p", (), (parameters + len(constants),)))
+            nodes.append(Node("p", (), (parameters + len(constants),)))  # check 3.86
             constants.append(self.nodes[of].given[0])
             return len(nodes) - 1
 
@@ -180,6 +180,7 @@ class Formula:
 
     def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
         """This formula with constants in place of parameters, from this number on, that are one in all rows; the rest."""
+        # check 3.87
         kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
         new = {parameters + k: Node("p", (), (parameters + place,)) for place, k in enumerate(kept)}
         nodes = list(self.nodes)

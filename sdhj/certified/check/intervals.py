@@ -12,6 +12,7 @@ is where an operation rises and falls.
 
 import math
 from collections.abc import Callable, Iterator
+from functools import reduce
 from itertools import product
 
 import numpy as np
@@ -75,7 +76,7 @@ def rest(a: Array, b: Array, total: Array) -> Array:
 def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The least and the greatest result at the corners, not rounded outward."""
     ends = [of(p, q) for p in a for q in b]  # check 6.26
-    return np.minimum.reduce(np.broadcast_arrays(*ends)), np.maximum.reduce(np.broadcast_arrays(*ends))
+    return reduce(np.minimum, ends), reduce(np.maximum, ends)
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:

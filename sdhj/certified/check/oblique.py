@@ -42,13 +42,14 @@ def rates_along(
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
         least, most = spread(normals, *velocity.of["drift"].bounds(inputs, low, high, times))
-        shape = len(low), velocity.ndim, velocity.adversaries
+        shape = -1, velocity.ndim, velocity.adversaries
         gain = [end.reshape(shape) for end in velocity.of["gain"].bounds(inputs, low, high, times)]
         for d in range(velocity.adversaries):
             far = np.maximum(*map(np.abs, spread(normals, gain[0][:, :, d], gain[1][:, :, d])))
             push = far * half[:, d, None] * (1 + ROUNDED)
             least, most = least - push, most + push  # check 3.52
         return least, most
+    half = np.broadcast_to(half, (len(low), velocity.adversaries))
     each = max(min(cuts, int(MOST_CUT ** (1 / max(velocity.adversaries, 1)))), 1)
     least, most = np.full((len(low), len(normals)), np.inf), np.full((len(low), len(normals)), -np.inf)
     for at in product(range(each), repeat=velocity.adversaries):

@@ -69,7 +69,7 @@ MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
-# of boxes, both (M, axes), and their numbers to bounds of a function there
+# of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
@@ -263,7 +263,8 @@ class Robot(Sets):
                 b[over] = most
                 halves.append((over, len(of)))
                 box, of = np.concatenate([box, second], axis=1), np.concatenate([of, of[over]])  # check 3.85
-        low, high = bounds(box[0], box[1], of)
+        found = bounds(box[0], box[1], of)
+        low, high = (end.repeat(len(of), axis=0) if len(end) == 1 else end for end in found)
         for over, begin in reversed(halves):
             own = slice(begin, begin + len(over))
             # check 4.42

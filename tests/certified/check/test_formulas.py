@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sdhj.certified.check import formulas
+from sdhj.certified.check.described import OfInputs
 from sdhj.certified.check.formulas import MOST_LINES, read
 from sdhj.certified.check.intervals import RULES
 
@@ -65,6 +66,28 @@ def test_parameters_are_numbers_or_one_for_each_box():
     half = np.array([1.0, 2.0])
     low, high = own.bounds(np.ones((2, 1)), np.ones((2, 1)), (0.0, 0.5), (-half, half))
     np.testing.assert_allclose([low[:, 0], high[:, 0]], [-half, half + 0.5], rtol=1e-14)
+
+
+def test_formulas_of_many_inputs_are_what_they_are_one_by_one(rng):
+    """Those that differ in constants are one, and whatever else differs is not: coordinates, tables, exponents, order."""
+    lines = ["x 0", "x 1", "p 0", "const 0x1p-1", "const 0x1p+1", "const -0x1.8p+0", "const 0x0p+0", "const -0x0p+0"]
+    lines += ["mul 0 3", "mul 0 4", "mul 5 1", "mul 1 4", "sin 8", "sin 9", "sin 10", "add 12 2", "add 2 13", "add 14 2"]
+    lines += [LOOKUP, LOOKUP.replace("spacing 0x1p-1", "spacing 0x1p-2"), "power 1 2", "power 1 3", "const nan"]
+    lines += ["add 3 4", "add 3 3", "div 1 6", "div 1 7", "add 4 4"]
+    pairs = [(15, 3), (16, 4), (17, 5), (12, 3), (13, 3), (18, 4), (19, 4), (20, 5), (21, 5), (3, 22), (22, 3)]
+    pairs += [(23, 24), (24, 23), (24, 27), (25, 6), (26, 7), (3, 3), (8, 9), (9, 8), (11, 9)]
+    whole = formula([*lines, "return " + " ".join(f"{a} {b}" for a, b in pairs)])
+    each = [whole.part(2 * j, 2) for j in range(len(pairs))]
+    together, inputs = OfInputs(each, 2), rng.integers(len(pairs), size=400)
+    assert 5 < len(together.kinds) < len(pairs)
+    low = rng.uniform(-2.0, 2.0, (400, 2))
+    high, begin = low + rng.uniform(0.0, 1.0, (400, 2)), rng.uniform(0.0, 1.0, 400)
+    for times in ((0.1, 0.3), (begin, begin + 0.1)):
+        found = np.array(together.bounds(inputs, low, high, times))
+        for row, j in enumerate(inputs):
+            own = [float(np.broadcast_to(time, 400)[row]) for time in times]
+            one = each[j].bounds(low[row : row + 1], high[row : row + 1], tuple(own))
+            np.testing.assert_allclose(found[:, row], np.concatenate(one), rtol=1e-15, atol=1e-300)
 
 
 def test_what_it_reads_and_parts():
