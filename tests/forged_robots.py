@@ -88,6 +88,22 @@ def ring(*, low=-3.0, high=3.0, push=0.2):
     )
 
 
+def turning():
+    """Along a line by a heading, so that bounds on what is at the seam are made of two halves under each input."""
+
+    def drift(q, u):
+        return np.stack([u[0] * np.cos(q[:, 1]), np.full(len(q), 0.4 * u[0])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1.0, -np.pi], [1.0, np.pi], [21, 24], [False, True]),
+        sdhj.Dynamics([[u] for u in (-1.0, -0.6, -0.2, 0.2, 0.6, 1.0)], drift, [[1.0], [0.0]], [0.1]),
+        sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.5),
+        [],
+        0.2,
+        2,
+    )
+
+
 def circle():
     """On a circle of a whole number of cells, of which the first is all that lies in the target, across the seam."""
     target = sdhj.TargetSet((0,), lambda p, t: np.minimum(np.abs(p[:, 0] - 0.02), np.abs(p[:, 0] - 6.02)) - 0.04)
@@ -315,6 +331,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "nearer in time": (lambda: nearer(moving=2.0**-50), (80,), 2),
     "pole": (pole, (80,), 1),
     "ring": (ring, (125,), 2),
+    "turning": (turning, (40, 24), 1),
     "circle": (circle, (120,), 1),
     "cart": (cart, (20, 20), 1),
     "rail": (rail, (80, 80), 10),

@@ -129,7 +129,7 @@ class OfInputs:
 
         form, constants = self.kinds[0]
         known = len(self.kinds) == 1 and isinstance(form, Formula) and not constants.size
-        self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.89
+        self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.88
 
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
         """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results).
@@ -137,7 +137,7 @@ class OfInputs:
         Both are (1, results) where all inputs have one value everywhere.
         """
         if self.constant:
-            return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])  # check 3.88
+            return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
         kind, found = self.kind[inputs], np.empty((2, len(inputs), self.results))
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
