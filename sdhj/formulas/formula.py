@@ -172,7 +172,7 @@ class Formula(Remembering):
         return found[0], found[1]
 
     @cached_property
-    def least_of(self) -> "list[Formula]":
+    def least_of(self) -> "tuple[Formula, ...]":
         """The functions of whose values its one result is the least; itself alone where it is no minimum."""
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:
@@ -181,7 +181,7 @@ class Formula(Remembering):
                 left += one.args[::-1]
             else:
                 found[one] = None
-        return [self] if len(found) == 1 else [replace(self, outputs=(one,), _source=[]) for one in found]
+        return (self,) if len(found) == 1 else tuple(replace(self, outputs=(one,), _source=[]) for one in found)
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
@@ -485,9 +485,9 @@ class BlackBox:
     bounds_by_branch = bounds  # it is as its author says
 
     @property
-    def least_of(self) -> "list[BlackBox]":
+    def least_of(self) -> "tuple[BlackBox, ...]":
         """Itself: nobody sees what it is made of."""
-        return [self]
+        return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
         """Least value over an interval of time; ValueError where it is not declared how fast it changes."""
