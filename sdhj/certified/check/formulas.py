@@ -179,7 +179,7 @@ class Formula:
         return Formula(tuple(nodes), results), constants
 
     def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
-        """This formula with constants in place of parameters, from this number on, that are one in all rows; the rest."""
+        """This formula with constants for parameters, from this number on, that are one in all rows; the rest."""
         # check 3.87
         kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
         new = {parameters + k: Node("p", (), (parameters + place,)) for place, k in enumerate(kept)}

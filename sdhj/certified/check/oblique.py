@@ -125,7 +125,7 @@ class Lines:
         return out[0], out[1]
 
     def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: Array, swept: Array, cuts: int) -> Array:
-        """Whether the lines of places under inputs j (M,) hold all that is between the planes, and `halo` all that ends may meet: (M,)."""
+        """Whether lines hold all that is between the planes, and `halo` what ends may meet, under inputs j: (M,)."""
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
         # check 3.57

@@ -744,9 +744,9 @@ class Robot(Sets):
         """
         size = self.low.shape[2]
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
-        for own, (j, some) in zip(needed, moving.items(), strict=True):
+        for flags, (j, some) in zip(needed, moving.items(), strict=True):
             for each in (some, *(at[cells] for cells in open_[j].values())):
-                own[each] = True
+                flags[each] = True
         which, places = np.nonzero(needed)
         of, count = np.array([*moving])[which], len(places)
         swept, held = np.empty((count, self.parts, 2, self.grid.ndim)), np.empty(count, np.bool_)

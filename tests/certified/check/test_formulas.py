@@ -69,9 +69,20 @@ def test_parameters_are_numbers_or_one_for_each_box():
 
 
 def test_formulas_of_many_inputs_are_what_they_are_one_by_one(rng):
-    """Those that differ in constants are one, and whatever else differs is not: coordinates, tables, exponents, order."""
+    """Those that differ in constants are one; those that differ in coordinates, tables, exponents, order are not."""
     lines = ["x 0", "x 1", "p 0", "const 0x1p-1", "const 0x1p+1", "const -0x1.8p+0", "const 0x0p+0", "const -0x0p+0"]
-    lines += ["mul 0 3", "mul 0 4", "mul 5 1", "mul 1 4", "sin 8", "sin 9", "sin 10", "add 12 2", "add 2 13", "add 14 2"]
+    lines += [
+        "mul 0 3",
+        "mul 0 4",
+        "mul 5 1",
+        "mul 1 4",
+        "sin 8",
+        "sin 9",
+        "sin 10",
+        "add 12 2",
+        "add 2 13",
+        "add 14 2",
+    ]
     lines += [LOOKUP, LOOKUP.replace("spacing 0x1p-1", "spacing 0x1p-2"), "power 1 2", "power 1 3", "const nan"]
     lines += ["add 3 4", "add 3 3", "div 1 6", "div 1 7", "add 4 4"]
     pairs = [(15, 3), (16, 4), (17, 5), (12, 3), (13, 3), (18, 4), (19, 4), (20, 5), (21, 5), (3, 22), (22, 3)]

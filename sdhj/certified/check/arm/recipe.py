@@ -30,7 +30,7 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
     moves, still = Velocity(functions, head["inputs"], grid), np.zeros((1, 4))
     push = np.array([float(scene.push(axis)) for axis in range(4)])
     for j, u in enumerate(inputs):
-        ends = moves.bounds(j, still, still, (0.0, 0.0), True)
+        ends = moves.bounds(np.array([j]), still, still, (0.0, 0.0), True)
         same = same and all(near(end, [*u, 0.0, 0.0] + way * push) for way, end in zip((-1, 1), ends, strict=True))
     same = same and not moves.timed and not any(one.reads("x") for one in moves.all)
     expect(same, "velocities of the head must be those of its recipe", given)
