@@ -178,7 +178,8 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
 
 
 def test_a_relay_remembers_nothing():
-    sensed, method = interval_problem(sensing=sdhj.Sensing(error=0.01)), sdhj.Certified(cells=(400,), parts=1)
+    sensed = dataclasses.replace(interval_problem(), sensing=sdhj.Sensing(error=0.01))
+    method = sdhj.Certified(cells=(400,), parts=1)
     with pytest.raises(ValueError, match="a Relay remembers nothing: solve the problems with Sensing"):
         Relay(sdhj.Controller(sdhj.solve(sensed, method, progress=False, play=False)))
     forgets = dataclasses.replace(sensed, sensing=sdhj.Sensing(error=0.01, memory=False))

@@ -130,7 +130,7 @@ class Controller:
         """ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
-        if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
+        if not (callable(rule) and not isinstance(rule, type)) and not (isinstance(rule, str) and rule in RULES):
             shown = reprlib.repr(rule)
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
