@@ -175,3 +175,12 @@ def test_no_run_of_a_certified_relay_is_lost(rng):
         outcomes = judge.play(choose, velocity, signs, goal, unsafe, starts, delta=DELTA, steps=STEPS)
         assert len(outcomes) > 400 and (outcomes == "reached").all(), np.unique(outcomes, return_counts=True)
     assert played >= {0, 1}
+
+
+def test_a_relay_remembers_nothing():
+    sensed = dataclasses.replace(interval_problem(), sensing=sdhj.Sensing(error=0.01))
+    method = sdhj.Certified(cells=(400,), parts=1)
+    with pytest.raises(ValueError, match="a Relay remembers nothing: solve the problems with Sensing"):
+        Relay(sdhj.Controller(sdhj.solve(sensed, method, progress=False, play=False)))
+    forgets = dataclasses.replace(sensed, sensing=sdhj.Sensing(error=0.01, memory=False))
+    assert len(Relay(sdhj.Controller(sdhj.solve(forgets, method, progress=False, play=False))).controllers) == 1

@@ -270,6 +270,13 @@ def test_what_has_no_cost_along_the_run_is_refused(monkeypatch: pytest.MonkeyPat
         sdhj.CostToGo(sdhj.Controller(made), "effort")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="must return a score for each candidate"):
         sdhj.CostToGo(made, lambda among: np.zeros(3), progress=False)
+    for never in (-np.inf, np.nan):
+        with pytest.raises(ValueError, match="must be numbers, or inf for what no run should do"):
+            sdhj.CostToGo(made, lambda among, never=never: np.full(len(among.inputs), never), progress=False)
+    with pytest.raises(ValueError, match="adds up must be real numbers"):
+        sdhj.CostToGo(made, lambda among: np.full(len(among.inputs), "a"), progress=False)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="rule must be one of"):
+        sdhj.Controller(made, rule=sdhj.CostToGo)  # type: ignore[arg-type]
     other = sdhj.solve(rooms(), progress=False, play=False)
     with pytest.raises(ValueError, match=r"of another table: use CostToGo\(table, ...\) of the controller's"):
         sdhj.Controller(other, rule=sdhj.CostToGo(made, "effort", progress=False)).select([0.5, 1.0], 0)

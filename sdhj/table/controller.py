@@ -41,6 +41,14 @@ class NotAdmissible(ValueError):
     """
 
 
+def _done(state: FloatArray, step: int) -> str:
+    """What is to be said of a state (ndim,) in the target that no input is proved to bring back into it."""
+    return (
+        f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
+        "target one step later; the task is done, or use fallback()"
+    )
+
+
 @dataclass(frozen=True)
 class Action:
     """The answer of `Controller.step`: the input to apply from one delay after the measurement on.
@@ -122,7 +130,7 @@ class Controller:
         """ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
-        if not callable(rule) and not (isinstance(rule, str) and rule in RULES):
+        if not (callable(rule) and not isinstance(rule, type)) and not (isinstance(rule, str) and rule in RULES):
             shown = reprlib.repr(rule)
             raise ValueError(f"rule must be one of {', '.join(RULES)}, or a function of Candidates, got {shown}")
         self.table, self.problem, self.rule = table, table.problem, rule
@@ -145,7 +153,8 @@ class Controller:
         Returns
         -------
         int, or None
-            0 means that q is in the target. Without a target: the number of steps that are left.
+            0 means that q is in the target, for a certified table also where its cell is not as a whole and nothing
+            else is proved of it. Without a target: the number of steps that are left.
 
         Raises
         ------
@@ -159,7 +168,10 @@ class Controller:
         >>> controller.steps_to_go([-2.1], 0), controller.steps_to_go([0.5], 0), controller.steps_to_go([3.9], 0)
         (3, 0, None)
         """
-        to_go = int(self._query(q, step).steps_to_go[0])
+        batch = self._query(q, step)
+        to_go = int(batch.steps_to_go[0])
+        if to_go == NOT_ADMISSIBLE and self.table.proved and self._in_target(batch.states[0], batch.step):
+            return 0  # in a cell that is not in the target as a whole
         return None if to_go == NOT_ADMISSIBLE else to_go
 
     def safe_inputs(self, q: FloatArray, step: int | None = None) -> FloatArray:
@@ -239,10 +251,7 @@ class Controller:
         held = None if before is None else np.array([whole("before", before, least=-1, most=most)])
         chosen = int(self.choose(batch, held)[0])
         if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
-            raise NotAdmissible(
-                f"state {batch.states[0].tolist()} is in the target at step {step}, and no input is proved to bring it "
-                "back into the target one step later; the task is done, or use fallback()"
-            )
+            raise NotAdmissible(_done(batch.states[0], batch.step))
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
@@ -312,6 +321,8 @@ class Controller:
     def _explain(self, states: FloatArray, step: int) -> str:
         """Why a state (1, ndim) is not admissible, and what helps, in a sentence."""
         within, details = self.table.steps - step, self.table.details
+        if self.table.proved and self._in_target(states[0], step):
+            return _done(states[0], step)
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:

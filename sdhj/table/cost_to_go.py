@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.compiling import hidden
-from sdhj.problem.checks import option
+from sdhj.problem.checks import option, real_array
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.batches import NOT_ADMISSIBLE, Table
@@ -91,7 +91,7 @@ class CostToGo:
         What is made least along the run: the sum of |u|^2 delta; the sum of the target's level-set value times delta,
         as far as it is positive, at the ends of the intervals; or the largest of the negative level-set values of the
         unsafe sets there, of those that are unsafe under every input. A function of your own is the cost of an
-        interval, and is added up; the input held before is not known to it.
+        interval, and is added up, inf for what should not be done; the input held before is not known to it.
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
@@ -166,9 +166,11 @@ class CostToGo:
         known = (weights >= LEAST_WEIGHT) & np.isfinite(weights)
         after = np.where(known, sums, np.inf) / np.where(known, weights, 1.0)
         after[self.problem.grid.beyond(ends, "frees")] = self._cost.nothing
-        cost = np.asarray(self._cost.of(candidates))
+        cost = real_array(f"what the {self.name} adds up", self._cost.of(candidates))
         if cost.shape != after.shape:  # as `Controller.scores` says
             return cost
+        if self._cost.join is np.add and not (cost > -np.inf).all():
+            raise ValueError(f"what the {self.name} adds up must be numbers, or inf for what no run should do")
         joined: Any = self._cost.join(cost, after)
         return np.asarray(joined)
 

@@ -10,14 +10,17 @@ class Relay:
     """Several controllers for chained problems: the last one for whose table a state is admissible chooses the input.
 
     Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
-    the target of the problem of `second` (`TargetSet.from_table`).
+    the target of the problem of `second` (`TargetSet.from_table`). Each state is judged by itself: with `Sensing` that
+    needs tables of memory=False.
     """
 
     def __init__(self, *controllers: Controller) -> None:
-        """ValueError if one is no controller."""
+        """ValueError if one is no controller, or its table is for a controller that remembers."""
         for one in controllers:
             if not isinstance(one, Controller):
                 raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")
+            if one.problem.sensing.remembers:
+                raise ValueError("a Relay remembers nothing: solve the problems with Sensing(..., memory=False)")
         self.controllers = controllers
 
     def choose(self, states: FloatArray, step: int) -> FloatArray:

@@ -82,6 +82,17 @@ def test_whoever_arrives_in_a_cell_that_is_not_whole_has_arrived():
     assert sdhj.monte_carlo(controller, runs=50, progress=False).counts["reached"] == 50
 
 
+def test_a_loop_of_select_ends_where_it_has_arrived():
+    """0.93 at the last step is in no set of cells, and in the target."""
+    controller = sdhj.Controller(proved(unaligned(pace=1e-9)))
+    assert (controller.steps_to_go([1.38], 2), controller.steps_to_go([0.93], 3)) == (1, 0)
+    assert controller.steps_to_go([0.97], 3) is None
+    with pytest.raises(sdhj.NotAdmissible, match="is in the target at step 3, and no input is proved"):
+        controller.select([0.93], 3)
+    with pytest.raises(sdhj.NotAdmissible, match="is not admissible"):
+        controller.select([0.97], 3)
+
+
 def test_predictions_arrive_in_cells_of_the_goal_alone():
     assert proved(unaligned(sensing=sdhj.Sensing(error=0.01)), (400,)).proof.arrives.size == 0
 
