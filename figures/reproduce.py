@@ -3,16 +3,16 @@
 import csv
 import platform
 import resource
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import click
 import numba
 import numpy as np
-from common import Context, of_main_job, script, write_all
+from common import HERE, Context, of_main_job, write_all
 
 import sdhj
 from sdhj.cli import INTERPOLATED, RUNS, SEED, compile_kernels, plainly
@@ -37,32 +37,30 @@ def main(nodes: int, out: Path, runs: int, seed: int, certified: bool) -> None:
     began = time.perf_counter()
     problem = sdhj.arm_case_study(nodes=nodes)
     tables: dict[str, Table] = {}
-    with ProcessPoolExecutor(1, get_context("spawn")) as beside:
-        beside.submit(script(BESIDE).measure, (), str)  # which compiles what it will measure
-        for method in INTERPOLATED:
-            click.echo(f"compiling for {method}: {compile_kernels('arm', method):.1f} s")
-        for method in (*INTERPOLATED, *(["certified"] if certified else [])):
-            click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
-            tables[method] = sdhj.solve(problem, method=method)
-        timing = beside.submit(drawn, BESIDE, nodes, out)
-        rows = []
-        for method, table in tables.items():
-            click.echo(f"playing {runs} runs against each adversary: {method}")
-            rows.append(summary(table, runs, seed))
-        write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
-        click.echo("drawing the figures")
-        tables.pop("certified", None)  # the figures show interpolated tubes
-        context = Context(tables=tables, seed=seed, say=click.echo)
-        write_all(context, out, [name for name in of_main_job() if name != BESIDE])
-        click.echo("\n".join(timing.result()))
+    for method in INTERPOLATED:
+        click.echo(f"compiling for {method}: {compile_kernels('arm', method):.1f} s")
+    for method in (*INTERPOLATED, *(["certified"] if certified else [])):
+        click.echo(f"solving the case study: {method}, {nodes}^4 nodes")
+        tables[method] = sdhj.solve(problem, method=method)
+    command = [sys.executable, HERE / f"{BESIDE}.py", "--nodes", str(nodes), "--out", out]
+    # in a session of its own, so that Ctrl-C reaches this process alone, which ends the other
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as beside:
+        try:
+            rows = []
+            for method, table in tables.items():
+                click.echo(f"playing {runs} runs against each adversary: {method}")
+                rows.append(summary(table, runs, seed))
+            write_table(rows, out, f"{nodes} nodes on each axis, {runs} runs for each adversary, seed {seed}")
+            click.echo("drawing the figures")
+            tables.pop("certified", None)  # the figures show interpolated tubes
+            context = Context(tables=tables, seed=seed, say=click.echo)
+            write_all(context, out, [name for name in of_main_job() if name != BESIDE])
+            click.echo(f"drawing {BESIDE}\n{beside.communicate()[0]}", nl=False)
+        finally:
+            beside.kill()  # if it still runs
+    if beside.returncode:
+        raise click.ClickException(f"{BESIDE}.py ended with status {beside.returncode}")
     click.echo(f"{out}: done in {time.perf_counter() - began:.0f} s")
-
-
-def drawn(name: str, nodes: int, out: Path) -> list[str]:
-    """What a figure says while it is drawn, in a process of its own."""
-    said = list[str]()
-    write_all(Context(nodes=nodes, say=said.append), out, [name])
-    return said
 
 
 def summary(table: Table, runs: int, seed: int) -> dict[str, str]:
