@@ -25,12 +25,14 @@ no clock, so a problem has the same cells on every machine.
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdhj.certified.alone import axes_alone, proved_alone
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
@@ -54,6 +56,9 @@ WAYS = 16  # in which inputs are asked how far they move
 SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
 DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
+LEFT_DECAY = 2.8  # likewise where the target's axes are a problem of their own, for the others; of two robots
+LEADING = 40  # numbers of cells of these that are looked at
+MOST_IMAGES = 3_000_000  # of their cells and inputs; more take longer than to choose is worth
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -100,8 +105,72 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
-    places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
+    places = _around(problem, parts, seconds, speeds, cells, rates, lost) or max(
+        (_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept
+    )
     return tuple(wishes[place] for place in places)
+
+
+def _around(
+    problem: ReachAvoidProblem,
+    parts: int,
+    seconds: float,
+    speeds: Speeds,
+    cells: Sequence[Sequence[CellAxis]],
+    rates: FloatArray,
+    lost: FloatArray,
+) -> list[int]:
+    """The choices by which most is kept of what the target's axes prove alone, where they are a problem of their own.
+
+    Of what these prove within n steps exp(-LEFT_DECAY l) is left, l what the states outside the unsafe sets lose until
+    then: at once to the widths of all axes, and in each step to what is rounded out on the others.
+    """
+    alone, steps, best, most = axes_alone(problem), losing_steps(problem, speeds), [], 0.0
+    lost = lost.copy()
+    lost[alone] = [[rates[0, k] * float(axis.width) for axis in cells[k]] for k in alone]
+    weights = LEFT_DECAY * _crossings(problem, left=True) / np.maximum(rates[0], 1e-300)
+    for given in _led_far(problem, cells, alone, rates[0]):
+        places = _spread(problem, parts, seconds, speeds, cells, rates, lost, given)
+        axes = _picked(cells, places)
+        if sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
+            break
+        once = weights @ (rates[0] * [float(axis.width) for axis in axes])
+        each = (weights @ lost[range(len(axes)), places] - once) / steps
+        proved = proved_alone(problem, [axes[k] for k in alone], steps)
+        kept = float(proved @ np.exp(-once - each * np.arange(steps + 1)))
+        best, most = (places, kept) if kept > most else (best, most)
+    return best
+
+
+def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
+    """One of the choices of each axis."""
+    return tuple(own[place] for own, place in zip(cells, places, strict=True))
+
+
+def _led_far(
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], alone: Sequence[int], m: FloatArray
+) -> list[dict[int, int]]:
+    """Choices of the axes of `axes_alone`, from few cells to many: {axis: place}.
+
+    On each the widest cells at which the input that leads farthest leads 1, 2, ... whole cells far; on all of them those
+    that lose about alike.
+    """
+    some, out = {}, list[dict[int, int]]()
+    for axis in alone:
+        moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
+        far = max(max(low, -high) for low, high in moves)
+        whole = [far // own.width for own in cells[axis]]
+        some[axis] = [i for i in range(1, len(whole)) if whole[i] > max(whole[i - 1], 0)] or [*range(len(whole))]
+
+    def lost(axis: int, place: int) -> float:
+        return m[axis] * float(cells[axis][place].width)
+
+    for factor in np.geomspace(1.0, MOST_OF_AN_AXIS, LEADING) / m[alone].max(initial=1e-300):
+        crowd = {k: [factor * lost(k, i) + math.log(cells[k][i].count) for i in own] for k, own in some.items()}
+        chosen = {k: some[k][int(np.argmin(own))] for k, own in crowd.items()}
+        images = math.prod(cells[k][i].count for k, i in chosen.items()) * len(problem.inputs)
+        out += [chosen] if alone and chosen not in out and images < MOST_IMAGES else []
+    return out
 
 
 def _spread(
@@ -112,16 +181,20 @@ def _spread(
     cells: Sequence[Sequence[CellAxis]],
     rates: FloatArray,
     lost: FloatArray,
+    given: Mapping[int, int] = MappingProxyType({}),
 ) -> list[int]:
     """Which of the choices of each axis lose least, for what can be paid.
 
     rates (3, ndim) : of `losses`, and what each choice of each axis then loses, lost (ndim, choices)
+    given : the choices of some axes
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
     counts = np.array([[axis.count for axis in own] for own in cells])
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
+    for axis, place in given.items():
+        crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
         """For each axis the choice of least factor lost / share^(SHARPNESS - 1) + crowd."""
@@ -129,7 +202,7 @@ def _spread(
 
     def fits(places: FloatArray) -> bool:
         """Whether cells of these choices fit into the memory and the time."""
-        axes = tuple(own[place] for own, place in zip(cells, places.tolist(), strict=True))
+        axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
         return bool(lost[every, places].sum() > WORTH and large < MOST_BYTES and paid < CORES * seconds)
@@ -250,19 +323,22 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
     return Ways(axes, moves, scales, np.concatenate([drawn, -drawn]))
 
 
-def _crossings(problem: ReachAvoidProblem) -> FloatArray:
-    """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up."""
+def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
+    """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up.
+
+    left : for each unit of length that lines are outside unsafe sets, not inside; the target is left out
+    """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
     out = np.isfinite(ends).sum(axis=0) / extent
-    for part in known_sets(problem):
+    for part in problem.unsafe if left else known_sets(problem):
         own = grid.subgrid(part.axes)
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
         for i, axis in enumerate(part.axes):
             crossed = np.diff(inside, axis=1 + i).mean() * (own.shape[i] - 1)
-            out[axis] += crossed / extent[axis] / max(inside.mean(), 1 / own.size)
+            out[axis] += crossed / extent[axis] / max(1.0 - inside.mean() if left else inside.mean(), 1 / own.size)
     return out
 
 
