@@ -27,8 +27,8 @@ def axes_alone(problem: ReachAvoidProblem) -> list[int]:
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
 
-def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> FloatArray:
-    """The share of the states that cells of the target's axes reach the target from, within 0, 1, ... steps.
+def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
+    """The share of the states from which cells of the target's axes reach the target within some steps.
 
     axes : the cells of `axes_alone`
     """
@@ -37,7 +37,6 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
     times = [problem.time(step) for step in range(steps + 1 if problem.target.moving else 1)]
     sets = [_in_target(bounds, axes, still, t) for t in times]
     shares = reduce(np.multiply, np.ix_(*[axis.shares() for axis in axes]))
-    proved = [float(shares[sets[0]].sum())]
     for step in range(steps):
         later = sets[1:] or sets
         some = [now | _led_into(axes, moves, then) for now, then in zip(sets, later, strict=False)]
@@ -46,8 +45,7 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
                 for move in moves:
                     now |= _in_target(bounds, axes, move, t)
         sets = some
-        proved.append(float(shares[sets[0]].sum()))
-    return np.array(proved)
+    return float(shares[sets[0]].sum())
 
 
 def _move(problem: ReachAvoidProblem, j: int) -> Move:

@@ -19,6 +19,11 @@ nothing was rounded out on axes with one velocity, and with that, each for the w
 an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
 steps.
 
+Where each axis loses more than there is, and the target's axes are a problem of their own with one velocity, as an arm that is
+pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows which fit
+the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which most is
+kept.
+
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
 """
@@ -56,9 +61,9 @@ WAYS = 16  # in which inputs are asked how far they move
 SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
 DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
-LEFT_DECAY = 2.8  # likewise where the target's axes are a problem of their own, for the others; of two robots
+TUBES, LEFT = 10.0, 2.0  # likewise where the target's axes are a problem of their own: by eleven solves of two robots
 LEADING = 40  # numbers of cells of these that are looked at
-MOST_IMAGES = 3_000_000  # of their cells and inputs; more take longer than to choose is worth
+IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -105,9 +110,9 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
-    places = _around(problem, parts, seconds, speeds, cells, rates, lost) or max(
-        (_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept
-    )
+    places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
+    if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
+        places = _around(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(wishes[place] for place in places)
 
 
@@ -122,22 +127,24 @@ def _around(
 ) -> list[int]:
     """The choices by which most is kept of what the target's axes prove alone, where they are a problem of their own.
 
-    Of what these prove within n steps exp(-LEFT_DECAY l) is left, l what the states outside the unsafe sets lose until
-    then: at once to the widths of all axes, and in each step to what is rounded out on the others.
+    Of what these prove in time exp(-l) is left. In l the widths of these axes count `TUBES` times: tubes of wide cells
+    meet what is unsafe; and what is lost on the others, to widths at once and to rounding in each step, `LEFT` times;
+    both for each unit of what boundaries of unsafe sets take of the states outside.
     """
-    alone, steps, best, most = axes_alone(problem), losing_steps(problem, speeds), [], 0.0
-    lost = lost.copy()
-    lost[alone] = [[rates[0, k] * float(axis.width) for axis in cells[k]] for k in alone]
-    weights = LEFT_DECAY * _crossings(problem, left=True) / np.maximum(rates[0], 1e-300)
-    for given in _led_far(problem, cells, alone, rates[0]):
+    alone, steps = axes_alone(problem), losing_steps(problem, speeds)
+    if not alone:
+        return []
+    best, most, m = list[int](), 0.0, _crossings(problem, left=True)
+    widths = np.array([[float(axis.width) for axis in own] for own in cells])
+    lost = lost * (m / np.maximum(rates[0], 1e-300))[:, None] * LEFT
+    lost[alone] = TUBES * m[alone, None] * widths[alone]
+    for given in _led_far(problem, cells, alone, rates[0], IMAGES * seconds):
         places = _spread(problem, parts, seconds, speeds, cells, rates, lost, given)
         axes = _picked(cells, places)
         if sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
             break
-        once = weights @ (rates[0] * [float(axis.width) for axis in axes])
-        each = (weights @ lost[range(len(axes)), places] - once) / steps
         proved = proved_alone(problem, [axes[k] for k in alone], steps)
-        kept = float(proved @ np.exp(-once - each * np.arange(steps + 1)))
+        kept = proved * math.exp(-lost[range(len(axes)), places].sum())
         best, most = (places, kept) if kept > most else (best, most)
     return best
 
@@ -148,12 +155,13 @@ def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple
 
 
 def _led_far(
-    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], alone: Sequence[int], m: FloatArray
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], alone: Sequence[int], m: FloatArray, most: float
 ) -> list[dict[int, int]]:
     """Choices of the axes of `axes_alone`, from few cells to many: {axis: place}.
 
-    On each the widest cells at which the input that leads farthest leads 1, 2, ... whole cells far; on all of them those
-    that lose about alike.
+    On each the widest cells of which the input that leads farthest passes 1, 2, ...: if it leads k + 1/2 cells far, it
+    would pass k of wider ones. On all of them together those that lose about alike at once, m (ndim,) for each unit; no
+    more than `most` images of cells.
     """
     some, out = {}, list[dict[int, int]]()
     for axis in alone:
@@ -169,7 +177,7 @@ def _led_far(
         crowd = {k: [factor * lost(k, i) + math.log(cells[k][i].count) for i in own] for k, own in some.items()}
         chosen = {k: some[k][int(np.argmin(own))] for k, own in crowd.items()}
         images = math.prod(cells[k][i].count for k, i in chosen.items()) * len(problem.inputs)
-        out += [chosen] if alone and chosen not in out and images < MOST_IMAGES else []
+        out += [chosen] if chosen not in out and images < most else []
     return out
 
 
@@ -326,11 +334,11 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
     """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up.
 
-    left : for each unit of length that lines are outside unsafe sets, not inside; the target is left out
+    left : of unsafe sets alone, for each unit of length that lines are outside
     """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
-    out = np.isfinite(ends).sum(axis=0) / extent
+    out = np.isfinite(ends).sum(axis=0) * (not left) / extent
     for part in problem.unsafe if left else known_sets(problem):
         own = grid.subgrid(part.axes)
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))

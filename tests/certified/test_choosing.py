@@ -197,13 +197,13 @@ def test_where_steps_gain_nothing_the_target_counts():
 
 
 def two_joints():
-    """Two at 1.5 rad/s, +- .1, .2 s at a time: an input moves one by .3 +- .02 rad; and what drifts along a third axis."""
+    """Two at 1.5 rad/s, .2 s at a time: an input moves one by .3 +- .02 rad; and what drifts along a third axis."""
     levels = [[a, b] for a in (-1.5, 0.0, 1.5) for b in (-1.5, 0.0, 1.5)]
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([0.0, 0.0, -1.0], [4.0, 4.0, 1.0], [21] * 3, periodic=[True, False, False]),
         sdhj.Dynamics(levels, np.pad(levels, ((0, 0), (0, 1))), np.eye(3), [0.1, 0.1, 0.05]),
         sdhj.TargetSet((0, 1), lambda p, t: np.maximum(abs(p[:, 0] - 1.0 - 0.1 * t), abs(p[:, 1] - 2.0)) - 0.25),
-        [sdhj.UnsafeSet((0, 1, 2), lambda p, t: np.abs(p - 2.0).max(axis=1) - 0.1)],
+        [sdhj.UnsafeSet((0, 1, 2), lambda p, t: np.abs(p - [2.0, 2.0, 0.0]).max(axis=1) - 0.1)],
         0.2,
         3,
     )
@@ -252,8 +252,16 @@ def test_what_the_axes_of_the_target_prove_alone():
     problem = two_joints()
     assert axes_alone(problem) == [0, 1]
     axes = [axis_of(problem.grid, axis, width) for axis, width in enumerate((Fraction(1, 10), Fraction(1, 8)))]
-    found = proved_alone(problem, axes, problem.steps)
+    found = [proved_alone(problem, axes, steps) for steps in range(problem.steps + 1)]
     np.testing.assert_allclose(found, by_loops(problem, axes), rtol=1e-9)
     assert 0 < found[0] < found[1]
     for other in (car(), fleet.FLEET["256 inputs"]().problem(), large.car(9)):  # turns; has no axis else; turns
         assert not axes_alone(other)
+
+
+def test_cells_fit_what_inputs_move():
+    """.28 rad at least are 2 of 29 cells, and less than 2 of 28; with these one does not get everywhere in 8 steps."""
+    problem = replace(two_joints(), steps=8)
+    assert chosen_cells(problem, 10, 0.16)[:2] == (29, 29)
+    proved = [proved_alone(problem, aligned(problem, (n, n, 2))[:2], 8) for n in (28, 29)]
+    assert proved[0] < 0.9 < proved[1]
