@@ -17,6 +17,7 @@ import importlib.metadata
 import itertools
 import os
 import platform
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -385,6 +386,18 @@ def whole_table(
     return "\n".join(lines)
 
 
+def read(lines: Sequence[str]) -> Report:
+    """The report of lines that `table` wrote, such as those in figures/kept/bench.txt."""
+    pattern = r" *(\d+)  (\D+?) +(\d+) +([\d.]+) +([\d.]+) +[\d.]+ +([\d.]+) +(\S+)"
+    rows = [
+        Row(solver, int(nodes), int(threads), float(ms) / 1e3, float(fastest) / 1e3, float(error), float(wrong))
+        for nodes, solver, threads, ms, fastest, error, wrong in (
+            found.groups() for found in (re.fullmatch(pattern, line) for line in lines) if found
+        )
+    ]
+    return Report(tuple(rows), *lines[:2])
+
+
 def beside_peer(report: Report, case_study: dict[tuple[str, int], tuple[float, Cost]]) -> str:
     """The whole case study by hji, and as many PDEs of hj_reachability one by one as one for each input would be."""
     lines = [f"{'hj_reachability':<26}{'nodes':>7}{'PDEs':>10}{'s':>12}{'of ours':>13}"]
@@ -477,11 +490,16 @@ def _versions(with_peer: bool) -> str:
 )
 @click.option("--peer/--no-peer", default=True, help="Also measure hj_reachability (pip install 'sdhj[bench]').")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Plot of time and error: png, pdf, svg.")
+@click.option("--kept", is_flag=True, help="Only draw what was measured last, figures/kept/bench.txt.")
 @plainly
-def main(nodes: str, repeats: int, peer: bool, output: Path | None) -> None:
+def main(nodes: str, repeats: int, peer: bool, output: Path | None, kept: bool) -> None:
     """Time one reach problem beside a peer, the whole case study and its parts, and the controller's answers."""
     counts = numbers("nodes", nodes, int)
     writable_picture(output)
+    if kept:
+        lines = (Path(__file__).parent / "kept" / "bench.txt").read_text("utf-8").splitlines()[2:]
+        click.echo(plot(read(lines), output or Path("bench.png")))
+        return
     report = measure(counts, repeats=repeats, with_peer=peer)
     click.echo(table(report) + "\n")
     case_study = measure_case_study([n for n in counts if n in (25, 40)] or [max(counts)])

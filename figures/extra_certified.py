@@ -64,6 +64,7 @@ def draw(context: Context) -> Figure:
     figure = plotting.new_figure(7.0, 3.7)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     draw_cells(left, sweep, peers)
+    left.set_title(f"full, Hopf-Lax, projected: {context.nodes} nodes an axis", fontsize=8)
     draw_labels(right, context.table("hji"), sweep.finest, through=PURSUER_AT)
     right.set_title(f"pursuer at ({PURSUER_AT[2]:.2f}, {PURSUER_AT[3]:.2f}) m; line: interpolated tube", fontsize=8)
     edge: dict[str, Any] = {"edgecolor": INK, "linewidth": 0.6}
@@ -91,9 +92,9 @@ def draw_cells(ax: Axes, sweep: CellSweep, claimed: Mapping[str, float]) -> None
         ax.axhline(fraction, gid=f"claimed-{method}", label=f"{METHOD_NAMES[method]}, claimed: {fraction:.3f}", **looks)
     ax.semilogx(sweep.numbers, sweep.fractions, gid="certified", label="certified", **METHOD_LOOKS["certified"])
     for number, fraction in zip(sweep.numbers, sweep.fractions, strict=True):
-        ax.annotate(f"{fraction:.3f}", (number, fraction), (0, -11), textcoords="offset points", fontsize=6.5)
+        ax.annotate(f"{fraction:.3f}", (number, fraction), (-4, 4), textcoords="offset points", fontsize=7, ha="right")
     ax.set(xlabel="cells", ylabel=SHARE, ylim=(0, None))
-    ax.margins(x=0.12)
+    ax.margins(x=0.15)
     ax.grid(axis="y")
     ax.legend(loc="lower right")
 

@@ -93,8 +93,8 @@ def draw(context: Context) -> Figure:
     draw_workspace_run(parts["chase"], found.full.problem, found.chase)
     parts["chase"].set_title(f"(b) a chase of {found.chase.times[-1]:.1f} s, the worst evader")
     draw_ends(parts["ends"], found.reports)
-    said = f"(c) how chases end, 95 % intervals; won: full {found.won:.1%}, projected {found.projected_won:.1%} of"
-    parts["ends"].set_title(said + r" $\mathcal{C}$", pad=20)
+    said = f"(c) chases that are lost, of {10 * context.runs:,} each; won: full {found.won:.1%}"
+    parts["ends"].set_title(said + rf", projected {found.projected_won:.1%} of $\mathcal{{C}}$", pad=20)
     way = Line2D([], [], markerfacecolor="white", marker="o", markersize=3.6, label="end-effector, at $t_k$", **WAY)
     flight = Line2D([], [], color="black", linestyle=":", linewidth=1.0, label="the evader's way")
     entries = [plotting.patch("obstacles", "known obstacles"), plotting.patch("evader", "evader"), way, flight]
@@ -103,10 +103,11 @@ def draw(context: Context) -> Figure:
 
 
 def draw_ends(ax: Axes, reports: Mapping[str, Report]) -> None:
-    """Shares of the outcomes against each evader, with Wilson's 95 % intervals."""
-    rates = {name: [100 * report.rate(outcome) for outcome in OUTCOMES] for name, report in reports.items()}
-    ends = {name: [100 * np.array(report.interval(o)) for o in OUTCOMES] for name, report in reports.items()}
-    draw_bars(ax, OUTCOMES, rates, ylabel="runs (%)", intervals=ends)
+    """Shares of the ways in which runs were lost against each evader, with Wilson's 95 % intervals."""
+    met = [o for o in OUTCOMES if o != "reached" and any(report.rate(o) for report in reports.values())]
+    rates = {name: [100 * report.rate(outcome) for outcome in met] for name, report in reports.items()}
+    ends = {name: [100 * np.array(report.interval(o)) for o in met] for name, report in reports.items()}
+    draw_bars(ax, met, rates, ylabel="runs (%), 95 % intervals", intervals=ends)
 
 
 if __name__ == "__main__":

@@ -163,7 +163,9 @@ def draw(context: Context) -> Figure:
             values = tuple(value * (1 if kind == "error" else problem.delta) for value in given)
             draw_promises(ax, robot, given, sweep_sensing(problem, methods, kind, values, perfect))
         ax.set(xlabel=LABELS[kind], ylim=(0, None))
-        ax.set_title("the arm's target at rest" if kind == "jitter" else " ")
+        ax.set_title(
+            {"jitter": "the arm's target at rest", "error": f"arm: {context.nodes} nodes an axis"}.get(kind, " ")
+        )
         ax.grid(axis="y")
     figure.axes[0].set_ylabel("share of $\\mathcal{C}$ promised")
     figure.legend(handles=figure.axes[0].lines, loc="outside upper center", ncols=5)

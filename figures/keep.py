@@ -79,8 +79,9 @@ def quoted(mark: re.Match[str]) -> str:
 
 
 def shape(line: str) -> str:
-    """A line without its numbers."""
-    return " ".join(NUMBER.sub("#", line).split())
+    """A line without its numbers, but for a whole number that it begins with: the nodes of a row."""
+    first = re.sub(r"^(\s*\d+ |).*", r"\1", line)
+    return " ".join((first + NUMBER.sub("#", line[len(first) :])).split())
 
 
 def brought_up(text: str, names: Collection[str]) -> str:
@@ -99,7 +100,7 @@ def run(name: str, command: str) -> None:
     head = [f"$ {command}", f"sdhj {sdhj.__version__}, {commit}, {date.today()}"]
     kept_file(name).parent.mkdir(exist_ok=True)
     kept_file(name).write_text("\n".join([*head, *lines, ""]), encoding="utf-8")
-    shrink(ROOT / "results", [Path(command.split()[1]).stem], digest(name))
+    shrink(ROOT / "results", [Path(command.split()[1]).stem], printed=digest(name))
 
 
 @click.command()

@@ -1,4 +1,7 @@
-"""Pictures for the site's gallery, made small from those in a folder: python figures/shrink.py results."""
+"""Pictures for the site's gallery, made small from those in a folder: python figures/shrink.py results 25.
+
+The number, of nodes on each axis of the arm, is kept in the files, and said beside the pictures.
+"""
 
 import sys
 from collections.abc import Sequence
@@ -12,11 +15,11 @@ WIDTH, COLOURS = 700, 128
 WIDE = {"extra_overview": 1100, "fig10_tubes": 1100}  # at the top of a page
 
 
-def shrink(folder: Path, names: Sequence[str] = NAMES, printed: str = "") -> None:
-    """Put each figure that the folder holds as PNG into figures/gallery/; `printed`: the digest of what it shows."""
+def shrink(folder: Path, names: Sequence[str] = NAMES, **facts: str) -> None:
+    """Put each figure that the folder holds as PNG into figures/gallery/, with facts: the digest `printed`, `nodes`."""
     told = PngInfo()
-    if printed:
-        told.add_text("printed", printed)
+    for fact, value in facts.items():
+        told.add_text(fact, value)
     for path in (folder / f"{name}.png" for name in names if name in NAMES):
         if path.is_file():
             with Image.open(path) as image:
@@ -27,4 +30,4 @@ def shrink(folder: Path, names: Sequence[str] = NAMES, printed: str = "") -> Non
 
 
 if __name__ == "__main__":
-    shrink(Path(sys.argv[1]))
+    shrink(Path(sys.argv[1]), nodes=sys.argv[2])

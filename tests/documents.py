@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import keep
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -19,3 +21,9 @@ def named_files(path: Path) -> list[Path]:
     text = path.read_text(encoding="utf-8")
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text) + re.findall(r'src="([^"]+)"', text)
     return [path.parent / link for link in links] + [ROOT / name for name in re.findall(r"python (\S+\.py)", text)]
+
+
+def column(name: str, title: str, row: str = "") -> list[str]:
+    """The cells of one column of a kept table, in rows that begin with some text."""
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in keep.kept(name) if line.startswith("|")]
+    return [cells[rows[0].index(title)] for cells in rows[2:] if " | ".join(cells).startswith(row)]

@@ -40,6 +40,14 @@ def line(*, push=0.2, posts=(-3.0, 3.0), wide=0.05, target=0.0, ends="unsafe", u
     )
 
 
+def two_in_one():
+    """The line, whose posts are one set."""
+    posts = sdhj.UnsafeSet(
+        (0,), lambda p, t: np.minimum(np.abs(p[:, 0] + 3.0) - 0.05, np.abs(p[:, 0] - 3.0) - 0.05), name="posts"
+    )
+    return line(unsafe=[posts])
+
+
 def forbidden():
     """A line on which two inputs are each forbidden somewhere, one of them in the target."""
     level = [lambda p, t, at=at: np.abs(p[:, 0] - at) - 0.3 for at in (-2.0, 0.0)]
@@ -295,6 +303,7 @@ def cornered(**dynamics):
 
 ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the problem, cells, parts
     "line": (line, (80,), 1),
+    "two posts in one": (two_in_one, (80,), 1),
     "forbidden": (forbidden, (80,), 1),
     "crossed": (crossed, (80,), 2),
     "sensed": (sensed, (160,), 2),

@@ -1,6 +1,7 @@
 """What makes the solver fast must not change its answer: threads, copied tubes, the fused path, blocks of rows."""
 
 import dataclasses
+import re
 import tracemalloc
 
 import numba
@@ -272,19 +273,50 @@ def test_sampled_velocities_stay_within_what_is_stated(gain, method):
     assert peak < stated
 
 
-def test_too_large_a_grid_is_refused_before_anything_is_sampled(monkeypatch):
-    def sampled(points, t):
-        raise AssertionError("sampled")
+def refused(problem: sdhj.ReachAvoidProblem, method: str = "hji") -> float:
+    """The GB that a refused solve says it needs."""
+    with pytest.raises(MemoryError, match="fewer nodes") as refusal:
+        sdhj.solve(problem, method)
+    return float(re.findall(r"this solve needs about (\S+) GB", str(refusal.value))[0])
 
-    with pytest.raises(
-        MemoryError, match=r"a grid of 1000 x 1000 x 1000 x 1000 nodes, before any tube, needs about .* GB.*fewer nodes"
+
+def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch):
+    """By one model for all numbers of nodes, and with a few nodes looked at: 10^24 are more than 64 bits hold."""
+    monkeypatch.setattr(memory, "available", lambda: (10**9, "are free"))
+    looked = list[int]()
+
+    def sampled(points, t):
+        looked.append(len(points))
+        return np.abs(points).max(axis=1) - 0.5
+
+    half, still = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled)), np.zeros((1, 4))
+    dynamics = sdhj.Dynamics(still, still, np.eye(4), [0.0] * 4)
+
+    def boxed(nodes):
+        return sdhj.ReachAvoidProblem(Grid([-1] * 4, [1] * 4, [nodes] * 4), dynamics, half, (), 0.1, 1)
+
+    for make, method, many in (
+        (sdhj.arm_case_study, "hji", (160, 170, 180, 200, 220, 1000)),
+        (sdhj.arm_case_study, "projected", (160, 200)),
+        (boxed, "lax", (160, 200, 10**6)),
     ):
-        sdhj.arm_case_study(nodes=1000)
-    everywhere = sdhj.TargetSet((0, 1, 2, 3), sdhj.BlackBox(sampled))
-    for nodes in (1000, 10**6):  # the product of the latter is more than 64 bits hold
-        grid, still = Grid([-1] * 4, [1] * 4, [nodes] * 4), np.zeros((1, 4))
-        with pytest.raises(MemoryError, match="fewer nodes"):
-            sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(still, still, np.eye(4), [0.0] * 4), everywhere, (), 0.1, 1)
+        needed = [refused(make(nodes), method) for nodes in many]
+        growth = np.diff(np.log(needed)) / np.diff(np.log(many))
+        assert ((growth > 3.9) & (growth < 4.1)).all()
+    assert sum(looked) < 2e7
+    with pytest.raises(MemoryError, match=r"a list of the nodes of 1000 x 1000 x 1000 x 1000 needs .*fewer nodes"):
+        Grid([-1] * 4, [1] * 4, [1000] * 4).points()
+
+
+def test_pieces_in_turn_are_the_pieces():
+    grid = Grid([0.0] * 3, [1.0] * 3, (7, 100, 301), (True, False, False))
+    points = np.concatenate([piece.points() for piece in grid.pieces_in_turn(100, 1, np.random.default_rng(3))])
+    np.testing.assert_array_equal(np.unique(points, axis=0), np.unique(grid.points(), axis=0))
+    assert len(points) == grid.size
+    assert len([*grid.pieces_in_turn(3, 2, np.random.default_rng(3))]) == 2
+
+
+def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(ValueError, match="steps must be a whole number from 1 to 1,000,000"):
         sdhj.arm_case_study(nodes=9, steps=10**300)
     with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):

@@ -425,12 +425,13 @@ def longest(runs: Iterable[Run]) -> Run:
 
 
 def write_frames(world: World, run: Run, path: str | os.PathLike[str], count: int = 6) -> None:
-    """Draw a run as a film strip, a png file."""
-    pictures = frames(world, run, count)
+    """Draw a run as a film strip of rows of three, a png file."""
+    pictures, columns = frames(world, run, count), min(count, 3)
+    rows = -(-count // columns)
     with plotting.style(), replaced_whole(path) as temporary:
-        figure = plotting.new_figure(1.6 * count, 1.85)
-        panels = figure.subplots(1, count, squeeze=False)[0]
-        for panel, (t, image) in zip(panels, pictures, strict=True):
+        figure = plotting.new_figure(2.4 * columns, 2.65 * rows)
+        for i, (t, image) in enumerate(pictures):
+            panel = figure.add_subplot(rows, columns, i + 1)
             panel.imshow(image, interpolation="lanczos")
             panel.set_title(f"$t = {t:.2f}$ s", fontsize=8)
             panel.set_axis_off()

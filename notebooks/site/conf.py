@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 import sdhj
 from sdhj.formulas.rules import RULES
@@ -118,6 +119,10 @@ def with_figures(app: Any, docname: str, source: list[str]) -> None:
     for path in (*sorted(FIGURES.glob("fig[0-9]*.py")), *sorted(FIGURES.glob("extra_*.py"))):
         sentence, _, more = (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").partition("\n")
         heading = " ".join(path.stem.split("_")[1:]).capitalize()
+        with Image.open(FIGURES / "gallery" / f"{path.stem}.png") as image:
+            nodes = image.info.get("nodes")
+        if nodes and "def value(" in path.read_text("utf-8"):  # else it draws no data
+            more += f"\n\nThe arm has {nodes} nodes on each axis here."
         picture = f"![{sentence}](../../figures/gallery/{path.stem}.png)"
         source[0] += "\n\n".join(["", f"## {heading}", f"{sentence} (`{path.name}`)", picture, more.strip(), ""])
 

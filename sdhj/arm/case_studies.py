@@ -134,8 +134,6 @@ def arm_case_study(
     ------
     ValueError
         If an argument is invalid; the message names it.
-    MemoryError
-        If there is not enough memory for that many nodes.
 
     Examples
     --------
@@ -314,7 +312,6 @@ def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeS
     angle, periodic = math.pi, (True, True, False, False)
     ends = (-angle, -angle, -box, -box), (angle, angle, box, box)
     grid = Grid(*ends, given["nodes"], periodic, names=AXES, ends="wall")  # the agent's centre stays in its box
-    grid.require_memory()  # before the sets are sampled
     bounds = [given["v_d_max"], given["v_d_max"], speed, speed]
     return ReachAvoidProblem(
         grid=grid,

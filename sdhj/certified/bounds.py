@@ -63,9 +63,13 @@ class Bounds:
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
-        return within_grid(
-            self.problem.grid, part.axes, low, high, lambda a, b: part.level_set.bounds_by_branch(a, b, (t0, t1))
-        )
+        return self._level(part.axes, part.level_set, low, high, t0, t1)
+
+    def _level(
+        self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
+    ) -> FloatArray:
+        """`level`, of a function of some axes."""
+        return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
 
     def signs(
         self,
@@ -81,6 +85,37 @@ class Bounds:
             of their numbers. Tiles of many boxes are bounded first, and each box only where that leaves the sign open.
         halvings : how often a box is cut in two along each axis while that may tell more.
         """
+        return self._signs(part.axes, part.level_set, low, high, times, halvings)
+
+    def outside(
+        self,
+        part: UnsafeSet,
+        low: Sequence[FloatArray],
+        high: Sequence[FloatArray],
+        times: tuple[float, float],
+        halvings: int = 0,
+        asked: FloatArray | bool = True,
+    ) -> FloatArray:
+        """In which of the boxes that are asked for a level set is > 0 everywhere, as `signs` says: bool.
+
+        Functions of which it is the least are asked one by one, each only where all before it are > 0.
+        """
+        out = np.ones([ends.size for ends in low], np.bool_) & asked
+        for one in part.level_set.least_of:  # obligation 4.48
+            out &= self._signs(part.axes, one, low, high, times, halvings, out) > 0
+        return out
+
+    def _signs(
+        self,
+        axes: Sequence[int],
+        function: Any,
+        low: Sequence[FloatArray],
+        high: Sequence[FloatArray],
+        times: tuple[float, float],
+        halvings: int,
+        asked: FloatArray | bool = True,
+    ) -> FloatArray:
+        """`signs` of a function of some axes; 0 in boxes that are not asked for and whose tile has two signs."""
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
@@ -88,13 +123,14 @@ class Bounds:
         out = np.empty([ends.size for ends in first], np.int8)
         for at in _some(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
-            out.ravel()[at] = _sign(self.level(part, picked(first, there), picked(last, there), *times))
+            out.ravel()[at] = _sign(self._level(axes, function, picked(first, there), picked(last, there), *times))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
-        left = np.flatnonzero(out == 0)
+        left = np.flatnonzero((out == 0) & asked)
         for at in _some(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
-            out.ravel()[at] = self._halved(part, picked(low, there), picked(high, there), times, halvings, most)
+            ends = picked(low, there), picked(high, there)
+            out.ravel()[at] = self._halved(axes, function, *ends, times, halvings, most)
         return out
 
     def inside(
@@ -128,7 +164,8 @@ class Bounds:
 
     def _halved(
         self,
-        part: TargetSet | UnsafeSet,
+        axes: Sequence[int],
+        function: Any,
         low: FloatArray,
         high: FloatArray,
         times: tuple[float, float],
@@ -138,7 +175,7 @@ class Bounds:
         """`signs` of boxes (M, axes), cut into so many pieces at most."""
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
-            sign = _sign(self.level(part, low, high, *times))
+            sign = _sign(self._level(axes, function, low, high, *times))
             above[box[sign > 0]] = below[box[sign < 0]] = True
             left = (sign == 0) & ~(above & below)[box]
             box, low, high = box[left], low[left], high[left]

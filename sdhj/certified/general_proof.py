@@ -67,7 +67,7 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
-    sums, some = [], [bounds.signs(unsafe_set, low, high, span) <= 0 for span in times]  # obligation 4.2
+    sums, some = [], [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
     for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
             meets = np.concatenate([meets, meets], axis=k)  # obligation 4.5
@@ -344,23 +344,31 @@ class GeneralProof(Images):
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
-        problem, t, out = self.problem, self.problem.time(step), self._clear_of_still.copy()  # obligation 9.5
+        problem, t = self.problem, self.problem.time(step)  # obligation 9.5
         # obligation 9.6
         times = self._always if self.time_invariant else (t - problem.sensing.jitter, t + problem.sensing.jitter)
-        for unsafe_set in problem.unsafe:
-            if unsafe_set.moving and unsafe_set.inputs is None:
-                out &= self.over_cells(unsafe_set, times) > 0  # obligation 9.4
+        out = np.ones([axis.count for axis in self.axes], np.bool_)
         if not problem.has_no_target:
             out &= self.over_cells(problem.target, times) < 0  # obligation 9.1
+        # what stands still is asked once: of all cells, unless there is one goal only
+        still = self.clear_of(False, self._always, out) if self.time_invariant else self._clear_of_still
+        out &= still
+        out &= self.clear_of(True, times, out)  # obligation 9.4
         return to_words(out.reshape(-1, self.axes[-1].count))
 
     @kept
     def _clear_of_still(self) -> FloatArray:
         """Cells outside the unsafe sets that stand still."""
-        out = np.ones([axis.count for axis in self.axes], np.bool_)
-        for unsafe_set in self.problem.unsafe:
-            if not unsafe_set.moving and unsafe_set.inputs is None:
-                out &= self.over_cells(unsafe_set, self._always) > 0  # obligation 9.3
+        return self.clear_of(False, self._always, np.ones([axis.count for axis in self.axes], np.bool_))
+
+    def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
+        """Which of the cells that are asked for are outside the unsafe sets that move, or stand still: bool."""
+        out = asked.copy()
+        for part in self.problem.unsafe:
+            if part.moving == moving and part.inputs is None:
+                others = tuple(axis for axis in range(len(self.axes)) if axis not in part.axes)
+                some = np.asarray(out.any(axis=others))
+                out &= self.outside_cells(part, times, some)  # obligation 9.3
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:

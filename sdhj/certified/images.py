@@ -518,8 +518,16 @@ class Images(Proof):
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
         """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
+        found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
+        return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
+
+    def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
+        """`Bounds.outside` of an unsafe set in cells of its axes that are asked for, broadcastable to the cells."""
+        found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
+        return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
+
+    def _ends_along(self, part: Any) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Lower and upper ends of the cells along each axis of a set, with all that counts as in them."""
         # obligation 9.7
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]
-        low, high = [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]
-        shape = [axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)]
-        return self.bounds.signs(part, low, high, times, HALVINGS_OF_A_CELL).reshape(shape)
+        return [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]

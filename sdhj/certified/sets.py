@@ -83,7 +83,9 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
     3    what is to stay is new each time, also for ever    "a cell that is not safe as long"
     4    what is on the way, in every part and step         "a post not met at the end", "a post that comes later"
     4    each unsafe set is closed; unsafe ends             "a set that is closed", "out by the upper end"
-    4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes
+    4    boxes as wide as what tubes are looked up without   test_bounds_of_a_lattice_hold_in_its_boxes,
+                                                            test_boxes_cover_what_is_looked_up
+    4    every function of which a set's is the least        test_boxes_that_may_meet_a_set_are_counted
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
     4    only what has wholly left is out of danger         "a rock at a safe end"
     4, 9 an angle on both sides of its jump                 test_every_value_is_on_a_side_of_the_jump

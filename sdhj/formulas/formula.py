@@ -172,6 +172,18 @@ class Formula(Remembering):
         return found[0], found[1]
 
     @cached_property
+    def least_of(self) -> "tuple[Formula, ...]":
+        """The functions of whose values its one result is the least; itself alone where it is no minimum."""
+        found, left = dict[Node, None](), [self.outputs[0]]
+        while left:
+            one = left.pop()
+            if one.op == "min":
+                left += one.args[::-1]
+            else:
+                found[one] = None
+        return (self,) if len(found) == 1 else tuple(replace(self, outputs=(one,), _source=[]) for one in found)
+
+    @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
         """The nodes that jump; a pair of operands of each; the formula with their values as coordinates."""
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
@@ -471,6 +483,11 @@ class BlackBox:
         return value - far, value + far
 
     bounds_by_branch = bounds  # it is as its author says
+
+    @property
+    def least_of(self) -> "tuple[BlackBox, ...]":
+        """Itself: nobody sees what it is made of."""
+        return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
         """Least value over an interval of time; ValueError where it is not declared how fast it changes."""

@@ -165,17 +165,13 @@ class Grid:
         >>> sdhj.Grid([0.0, 0.0], [4.0, 8.0], [5, 5]).points()[:6].tolist()
         [[0.0, 0.0], [0.0, 2.0], [0.0, 4.0], [0.0, 6.0], [0.0, 8.0], [1.0, 0.0]]
         """
-        self.require_memory(8 * (2 * self.ndim + 5))
+        if self.size > SMALL:
+            what = f"a list of the nodes of {' x '.join(map(str, self.shape))}"
+            require(8 * (2 * self.ndim + 5) * self.size, what)
         points = np.empty((*self.shape, self.ndim))
         for axis in range(self.ndim):
             points[..., axis] = self.lift(self.nodes(axis), [axis])
         return points.reshape(self.size, self.ndim)
-
-    def require_memory(self, each: int = 0) -> None:
-        """Raise MemoryError if `each` bytes per node, by default those to sample functions, do not fit into memory."""
-        if self.size > SMALL:
-            what = f"to sample a grid of {' x '.join(map(str, self.shape))} nodes, before any tube,"
-            require(each * self.size or self.sampling_bytes, what)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
         """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
@@ -196,6 +192,20 @@ class Grid:
         for row in range(0, rows, max(some, 1)):
             piece = self.stretch(axis, row, min(max(some, 1), rows - row))
             yield from [piece] if some else piece.pieces(axis + 1)
+
+    def pieces_in_turn(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
+        """The `pieces` in a random order; of more than `most` only so many drawn ones."""
+        axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
+        some = PIECE // math.prod(self.shape[axis + 1 :])
+        places = (*self.shape[:axis], -(-self.shape[axis] // some))
+        if (count := math.prod(places)) <= most:
+            order = np.transpose(np.unravel_index(rng.permutation(count), places))
+        else:
+            order = rng.integers(places, size=(drawn, len(places)))
+        for *rows, place in order.tolist():
+            length = min(some, self.shape[axis] - place * some)
+            first = (*rows, place * some, *[0] * (self.ndim - axis - 1))
+            yield self.window(first, (*[1] * axis, length, *self.shape[axis + 1 :]))
 
     def subgrid(self, axes: Sequence[int]) -> "Grid":
         """The grid of some axes only, numbered from 0, in the order given: the projection of this grid (App. A.4).

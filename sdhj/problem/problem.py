@@ -106,7 +106,6 @@ class ReachAvoidProblem(Sampled):
     def __post_init__(self) -> None:
         """Read the functions, and check that all parts fit one another: see `sdhj.problem.consistency`."""
         self._check_parts()
-        self.grid.require_memory(each=8)
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
         if self.steps is not None:

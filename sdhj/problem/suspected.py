@@ -8,6 +8,7 @@ import numpy as np
 
 from sdhj.kernels import FloatArray
 from sdhj.problem.findings import Finding
+from sdhj.problem.grid import SMALL, Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
@@ -29,6 +30,9 @@ def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
         return
+    if grid.size > SMALL:  # fewer nodes show it as well
+        most = int(SMALL ** (1 / grid.ndim))
+        grid = Grid(grid.lower, grid.upper, [min(n, most) for n in grid.shape], grid.periodic)
     inside = problem.target.level_set(grid.points(), problem.time(0)).reshape(grid.shape) <= 0
     ends = [inside.take(end, axis) for axis in range(grid.ndim) if not grid.periodic[axis] for end in (0, -1)]
     if 0.5 < (share := grid.fraction(inside)) and not inside.all() and all(end.all() for end in ends):

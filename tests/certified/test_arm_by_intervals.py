@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from extra_losing import plain_arm
+from plain_arm import plain_arm
 
 import sdhj
 from sdhj.arm.case_studies import scene

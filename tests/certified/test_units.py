@@ -270,7 +270,8 @@ def test_a_promised_run_has_a_reserve_for_rounding():
         c = velocity(at + h / 2 * b)
         at = at + h / 6 * (a + 2 * b + 2 * c + velocity(at + h * c))
     second = controller.batch(grid.wrapped(at), 1)
-    assert (second.steps_to_go[first.steps_to_go > 0] >= 0).all()
+    arrived = (first.steps_to_go == 1) & (problem.target_value(grid.wrapped(at), 0.175) <= 0)  # in whatever cell
+    assert ((second.steps_to_go >= 0) | arrived)[first.steps_to_go > 0].all()
     assert 400 < table.steps_of_rounding() < 500 == table.steps_of_rounding(0.0)
     with pytest.raises(ValueError, match="rounding must be at least 0"):
         table.steps_of_rounding(-1.0)

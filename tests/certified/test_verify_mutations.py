@@ -12,6 +12,7 @@ EXACT, FORMS, TABLES, TEXT = "test_every_exact", "test_closed_forms", "test_tabl
 COVER, LISTS, REFUSED = "test_cells_that_do_not", "test_image_lists", "test_numbers_beyond"
 ROW, CLEAR, FLAGS = "test_nothing_that_samples", "test_what_is_proved", "test_flags_that"
 FARTHER, DISK, HAIR, HALF = "test_no_point", "test_a_disk_stays", "test_contact_is_met", "test_half_planes_prove"
+BOXES = "test_boxes_cover"
 EROSION, SURVEY, BESIDE, TIPS = "test_erosion", "test_survey", "test_states_beside", "test_tips"
 
 # what is changed of which mark `# check` in the checker, the test that must fail
@@ -97,7 +98,9 @@ MUTATIONS = {
     "all sides of jumps": ("6.19 number 25 2", "test_every_value_is_on"),
     "NaN in a comparison": ("6.20 drop 10", "test_what_is_undefined"),
     "an open condition": ("6.21 copy 9 13", EXACT),
-    "nodes in a box": ("6.22 put 12 [2] * len(low)", TABLES),
+    "nodes in a box": ("6.22 zero 12", TABLES),
+    "the lower end in a table": ("6.39 zero 10", TABLES),
+    "the upper end in a table": ("6.40 zero 20", TABLES),
     "the last block": ("6.23 turn 16", TABLES),
     "endless ends": ("6.24 put 2 ~{5}.isnan({6} + {10})", FORMS),
     "what is taken away": ("6.25 put 4 (-{6}[0], -{6}[1])", EXACT),
@@ -114,6 +117,12 @@ MUTATIONS = {
     "what is not": ("6.35 zero 287; number 292 1", EXACT),
     "rounding of tables": ("6.36 zero 3; 6.37 zero 4", TABLES),
     "blocks of a table": ("6.38 turn 7", TABLES),
+    "boxes as wide as tubes are looked up": ("4.51 drop 4", BOXES),
+    "the last box of a block": ("4.54 zero 7", BOXES),
+    "boxes that are wider": ("4.55 zero 7; zero 11", BOXES),
+    "boxes of a second lap": ("4.56 drop 16", BOXES),
+    "a whole lap": ("4.57 copy 8 13", BOXES),
+    "every function of a set": ("4.53 drop", "test_boxes_that_may_meet"),
     "what is read": ("7.2 put 9 {10} is None", "test_what_it_reads"),
     "later lines": ("7.3 put 8 10 ** 6", TEXT),
     "lines": ("7.4 true 7", TEXT),

@@ -9,20 +9,17 @@ import keep
 import numpy as np
 import pytest
 from common import PAPER_NODES
-from documents import ROOT
+from documents import ROOT, column
 from PIL import Image
 
 SITE = ROOT / "notebooks" / "site"
 
-
-NOT_YET = {"bench"}  # needs a quiet machine and the extra `bench`: python figures/keep.py bench, and take it off here
-QUOTED = {name: command for name, command in keep.marks().items() if name not in NOT_YET}
+QUOTED = keep.marks()
 
 
 def test_each_command_that_is_quoted_has_been_kept() -> None:
-    quoted = QUOTED
-    assert set(quoted) == {path.stem for path in (keep.HERE / "kept").glob("*.txt")}
-    for name, command in quoted.items():
+    assert set(QUOTED) == {path.stem for path in (keep.HERE / "kept").glob("*.txt")}
+    for name, command in QUOTED.items():
         assert keep.kept_file(name).read_text("utf-8").splitlines()[0] == f"$ {command}", name
         assert (ROOT / command.split()[1]).is_file()
 
@@ -51,12 +48,6 @@ def test_every_table_of_numbers_names_its_command() -> None:
     """But for the ones that a script writes whole, and includes."""
     left = keep.MARK.sub("", (SITE / "numbers.md").read_text("utf-8"))
     assert re.findall(r"^\|.*|^```(?!\{include)\w*\n(?!$)[^`]+```", left, re.MULTILINE) == []
-
-
-def column(name: str, title: str, row: str = "") -> list[str]:
-    """The cells of one column of a kept table, in rows that begin with some text."""
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in keep.kept(name) if line.startswith("|")]
-    return [cells[rows[0].index(title)] for cells in rows[2:] if " | ".join(cells).startswith(row)]
 
 
 def runs(adversaries: str) -> str:

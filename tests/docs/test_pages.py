@@ -1,9 +1,11 @@
 """The pages of the site that are no chapters: their Python runs, and what they name is there."""
 
 import contextlib
+import importlib
 import io
 import re
 import runpy
+import shlex
 import sys
 import tomllib
 from dataclasses import replace
@@ -11,6 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import click
+import common as figures
 import numpy as np
 import pytest
 from documents import ROOT, blocks, named_files
@@ -78,6 +82,45 @@ def test_the_command_line_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.M
         if words[0] != "warmup":
             assert main(words, standalone_mode=False) in (None, 0)
     assert {"arm.h5", "car.h5", "car.svg", "robot"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def commands() -> list[list[str]]:
+    """What pages say to type of this project's programs, word for word; not what they only name."""
+    found = dict[str, None]()
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(SITE.glob("*.md"))):
+        text = path.read_text(encoding="utf-8")
+        typed = re.findall(r"^```bash\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+        lines = [line.split("#")[0] for part in typed for line in part.splitlines()]
+        lines += re.findall(r"`([^`]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL))
+        for part in (part for line in lines for part in line.split("&&")):
+            if re.match(r"(python figures/\S+\.py|sdhj [a-z]+) ", (told := " ".join(part.split())) + " "):
+                found[told] = None
+    return [shlex.split(command) for command in found]
+
+
+def test_every_command_of_a_page_is_one_that_its_program_takes(tmp_path: Path) -> None:
+    """Its options, and how many arguments; that `sdhj` runs in an empty folder, the test above shows."""
+    told = commands()
+    assert len(told) > 40
+    for typed, *words in told:
+        if typed == "sdhj":
+            name, *arguments = words
+            command = main.commands[name]
+        else:
+            script, *arguments = words
+            drawn = Path(script).stem in figures.NAMES
+            module = importlib.import_module(Path(script).stem)
+            command = figures.command_of(script) if drawn else vars(module).get("main")
+        if not arguments or not isinstance(command, click.Command):
+            continue  # it is named; or takes what stands in `sys.argv`
+        try:
+            here = "promises.py" in words[0]  # it writes into a page that there has to be
+            with contextlib.chdir(ROOT if here else tmp_path):
+                command.make_context(name if typed == "sdhj" else script, arguments)
+        except click.NoSuchOption:
+            raise
+        except (click.MissingParameter, click.BadOptionUsage):
+            assert typed == "sdhj" and any(word.startswith("--") for word in words)  # it names an option
 
 
 @pytest.fixture(scope="module")

@@ -224,3 +224,11 @@ def test_command_prints_every_solver_and_draws(tmp_path, monkeypatch):
 def test_command_refuses_in_one_line(options, said):
     result = CliRunner().invoke(bench.main, ["--no-peer", *options])
     assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output
+
+
+def test_a_printed_report_is_read_back():
+    rows = (bench.Row("sdhj, same scheme", 25, 2, 0.00679, 0.00671, 0.01206, 3.0e-4),)
+    rows += (bench.Row(bench.PEER, 40, 12, 2.95135, 2.89165, 0.00514, 9.2e-5),)
+    rows += (bench.Row("sdhj, same scheme", 40, 2, 0.05945, 0.04485, 0.00514, 9.5e-5),)
+    lines = bench.table(bench.Report(rows, "a machine", "numpy 2.4")).splitlines()
+    assert len(bench.read(lines).rows) == 3 and bench.table(bench.read(lines)).splitlines() == lines

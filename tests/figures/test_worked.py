@@ -14,8 +14,8 @@ from pathlib import Path
 import judge
 import numpy as np
 import pytest
-from extra_losing import plain_arm
 from extra_worked import AMPLITUDE, BAR, BOXES, FRICTION, MASS, PACE, RUNS, SPIN, WORKED, folding_arm, row
+from plain_arm import plain_arm
 from test_worked_problems import CHASED, joints
 
 import sdhj

@@ -4,7 +4,7 @@ A function is a formula (`formulas`), or a black box: then the head says why, an
 given beside the file.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,6 +114,11 @@ class Part:
     def counts(self, j: int) -> bool:
         """Whether the set is unsafe under an input."""
         return self.inputs is None or j in self.inputs  # check 4.50
+
+    @property
+    def least_of(self) -> Sequence[Formula | BlackBox]:
+        """The functions of whose values that of the set is the least."""
+        return self.function.least_of if isinstance(self.function, Formula) else [self.function]
 
     @property
     def moving(self) -> bool:

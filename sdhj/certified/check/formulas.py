@@ -149,6 +149,18 @@ class Formula:
         return Formula(self.nodes, self.results[first : first + count])
 
     @cached_property
+    def least_of(self) -> list["Formula"]:
+        """The functions of whose values the one result is the least."""
+        found, left = list[int](), [self.results[0]]
+        while left:
+            node = self.nodes[number := left.pop()]
+            if node.name == "min":  # check 6.41
+                left += {*node.operands}
+            elif number not in found:
+                found.append(number)
+        return [Formula(self.nodes, (number,)) for number in found]
+
+    @cached_property
     def needed(self) -> list[int]:
         """The lines that the results rest on, in order."""
         found, left = set(self.results), list(set(self.results))

@@ -11,7 +11,7 @@ is where an operation rises and falls.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
@@ -26,7 +26,8 @@ TINY = 5e-324  # the least positive number  # check 6.5
 NEAR_ZERO = 2.0**-56
 ABOVE_PI = math.nextafter(math.pi, 4.0)  # above pi
 DOUBT = 1e-14  # of a number of turns: more than its rounding
-MOST_POINTS = 4  # on each axis of a table, up to which a box is looked up exactly
+MOST_NODES = 256  # of a table in and around a box, up to which it is looked up exactly
+MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
 
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
@@ -275,7 +276,8 @@ def gridded(
     """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
 
     In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
-    are ends of the box or nodes between. A box with many nodes lies between the least and the greatest node around it.
+    are ends of the box or nodes between. A box with many nodes lies between the least and the greatest node around it,
+    known of blocks of nodes: of larger ones for larger boxes, so that it takes equally long for any.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -283,39 +285,54 @@ def gridded(
         ends += [np.clip(end, 0.0, nodes - 1.0) for end in at]
     whole = np.stack(np.broadcast_arrays(*ends))
     places = whole.reshape(len(ends), -1)  # (2 * axes, M)
-    known, out = np.isfinite(places).all(axis=0), np.full((2, places.shape[1]), np.nan)
-    low, high = places[0::2], places[1::2]
-    points = np.ceil(high) - np.floor(low) + 1.0
-    few = known & (points <= MOST_POINTS).all(axis=0)
-    if few.any():
-        out[:, few] = at_points(table, low[:, few], high[:, few])
-    if (many := known & ~few).any():
-        out[:, many] = at_blocks(table, low[:, many], high[:, many], kept)
+    known, out = np.flatnonzero(np.isfinite(places).all(axis=0)), np.full((2, places.shape[1]), np.nan)
+    low, high = places[0::2, known], places[1::2, known]
+    begin = np.minimum(np.floor(low), np.array(table.shape)[:, None] - 2.0)
+    sizes = np.maximum(np.ceil(high) - begin + 1.0, 2.0)  # check 6.22
+    few = sizes.prod(axis=0) <= MOST_NODES
+    blocks = np.ceil(np.log2(np.maximum(sizes / MOST_BLOCKS, 1.0)))
+    for some, own in alike(np.where(few, sizes, -blocks).astype(np.int64)):
+        given = table, some, low[:, own], high[:, own]
+        out[:, known[own]] = at_points(*given, begin[:, own]) if few[own[0]] else at_blocks(*given, kept)
     rounding = (2.0**table.ndim + 2 * table.ndim) * UNIT  # of sums of products, twice  # check 6.36
     low, high = outward(out[0], out[1], rounding)
     return low.reshape(whole.shape[1:]), high.reshape(whole.shape[1:])
 
 
-def at_points(table: Array, low: Array, high: Array) -> Array:
-    """The least and the greatest value in boxes (axes, M) in units of nodes, rounding apart: (2, M)."""
-    begin, out = np.floor(low), np.stack([np.full(low.shape[1], np.inf), np.full(low.shape[1], -np.inf)])
-    for step in product(*(range(int(n)) for n in (np.ceil(high) - begin).max(axis=1) + 1)):  # check 6.22
-        at = np.clip(begin + np.array(step)[:, None], low, high)
-        node = np.minimum(np.floor(at), np.array(table.shape)[:, None] - 2.0).astype(np.int64)
-        share, value, most = at - node, np.zeros(low.shape[1]), np.zeros(low.shape[1])
-        for side in product((0, 1), repeat=table.ndim):
-            weight = np.prod([s if up else 1.0 - s for s, up in zip(share, side, strict=True)], axis=0)
-            own = table[tuple(n + up for n, up in zip(node, side, strict=True))]
-            value, most = value + weight * own, np.maximum(most, np.abs(own))
-        slack = (2.0**table.ndim + 2 * table.ndim) * UNIT * most  # check 6.37
-        out = np.stack([np.minimum(out[0], value - slack), np.maximum(out[1], value + slack)])
-    return out
+def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
+    """Every column that there is of whole numbers (axes, M), and the places where it is."""
+    keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
+    order = np.argsort(keys, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
+        yield rows[:, own[0]].tolist(), own
 
 
-def at_blocks(table: Array, low: Array, high: Array, kept: InBlocks) -> Array:
-    """The least and the greatest value at the nodes in and around boxes, as (2, M), looked up in blocks of nodes."""
+def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Array) -> Array:
+    """The least and the greatest value in boxes of so many nodes from `first` (axes, M) on, rounding apart: (2, M).
+
+    low, high (axes, M) : ends of the boxes, in units of nodes. The values at the first and at the last node along an
+    axis make way for those at the ends of the box.
+    """
+    nodes = [own + np.arange(n)[:, None] for own, n in zip(first.astype(np.int64), sizes, strict=True)]
+    shapes = np.where(np.eye(len(sizes), dtype=np.bool_), sizes, 1).tolist()
+    values = table[tuple(own.reshape(*shape, -1) for own, shape in zip(nodes, shapes, strict=True))]
+    each = tuple(range(len(sizes)))
+    slack = (2.0 ** len(sizes) + 2 * len(sizes)) * UNIT * np.abs(values).max(axis=each)  # check 6.37
+    for axis, n in enumerate(sizes):
+        own = np.moveaxis(values, axis, 0)
+        begin, end = low[axis] - first[axis], high[axis] - first[axis] - (n - 2)
+        least = (1.0 - begin) * own[0] + begin * own[1]  # check 6.39
+        own[0], own[-1] = least, (1.0 - end) * own[-2] + end * own[-1]  # check 6.40
+    return np.stack([values.min(axis=each) - slack, values.max(axis=each) + slack])
+
+
+def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: InBlocks) -> Array:
+    """The least and the greatest value at the nodes in and around boxes, as (2, M), looked up in blocks of nodes.
+
+    Blocks are of 2^-power nodes along each axis.
+    """
+    blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23
-    blocks = tuple(1 << int(n // MOST_POINTS).bit_length() for n in (last - first).max(axis=1))
     if blocks not in kept:
         least = most = table
         for axis, block in enumerate(blocks):

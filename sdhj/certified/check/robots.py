@@ -19,9 +19,9 @@ state of a box is refused. Nothing that the file itself states of bounds is beli
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -34,6 +34,7 @@ from sdhj.certified.check.bits import Array
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
+from sdhj.certified.check.lattice import Holds, Lattice, memory, overlap, pieces_of, sums
 from sdhj.certified.check.oblique import Lines
 from sdhj.certified.check.reading import (
     MOST_COUNTED,
@@ -57,11 +58,12 @@ ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
 DEEPEST = 6
-SIDE = 8  # of a block of cells, on axes along which they move alike
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
 BOXES_AT_ONCE = 1 << 14  # boxes
+HALVES_AT_ONCE = 1 << 12
 MOST_IN_BALLS = 100  # cells
+FEW = 8  # cells in one that is looked at are too many to be counted
 MOST_INPUTS = 1 << 16
 ROOM = 1e-6  # of the spacing of nodes: so near past an unsafe end counts as at it  # check 4.37
 OUTWARD = np.array([-1.0, 1.0])[:, None, None]
@@ -69,17 +71,22 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 Bounds = Callable[[Array, Array], tuple[Array, Array]]  # of boxes, both (M, axes), to bounds of a function there
 
 
-def everywhere(holds: Callable[[Array], Array], boxes: Array, along: Array, depth: int) -> Array:
+def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
-    out = holds(boxes)  # check 3.38
-    left = np.flatnonzero(~out) if depth else np.zeros(0, np.int64)
-    some, good = boxes[:, left], np.ones(left.size, np.bool_)
-    centre = np.where(along, some.mean(axis=0), some[1])
-    for upper in product(*((False, True) if one else (False,) for one in along)):  # check 4.29
-        if good.any():
-            half = np.stack([np.where(upper, centre, some[0]), np.where(upper, some[1], centre)])
-            good[good] = everywhere(holds, half[:, good], along, depth - 1)
-    out[left] = good
+    count, depth = boxes.shape[1], depth if along.any() else 0
+    out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
+    while left:
+        some, of, more = left.pop()
+        some, of = some[:, out[of]], of[out[of]]
+        yes, no = holds(some)
+        out[of[no if more else ~yes]] = False  # check 3.38
+        for axis in np.flatnonzero(along) if more else ():
+            some, of = some[:, (open_ := ~yes & out[of])], of[open_]
+            centre = some.mean(axis=0)[:, axis]
+            some, of, yes = np.concatenate([some] * 2, axis=1), np.tile(of, 2), np.zeros(2 * of.size, np.bool_)
+            some[1, : centre.size, axis] = some[0, centre.size :, axis] = centre  # check 4.29
+        begins = range(0, of.size if more else 0, HALVES_AT_ONCE)
+        left += [(some[:, at : at + HALVES_AT_ONCE], of[at : at + HALVES_AT_ONCE], more - 1) for at in begins]
     return out
 
 
@@ -115,6 +122,7 @@ class Robot(Sets):
         self.safe = np.array([[end == "safe" for end in ends] for ends in self.grid.ends])
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
+        self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
@@ -131,8 +139,15 @@ class Robot(Sets):
         boxes = min(places, chosen)
         swept = boxes * (16 * ndim * parts + 32) + min(boxes, BOXES_AT_ONCE) * 16 * ndim * (parts + 60)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        lattices = 0
+        for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
+            moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
+            axes = [axis for axis in range(ndim) if axis in one["axes"]]
+            laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
+            lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
+        lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
-        return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept
+        return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """Read what the proof says of the cells: which axes they depend on, their moves, the clear inputs."""
@@ -211,11 +226,11 @@ class Robot(Sets):
 
     # ---- functions over boxes (2, M, axes), and times
 
-    def value(self, part: Part, box: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds of a level set, both (M,)."""
-        if isinstance(part.function, BlackBox):
+    def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Times) -> tuple[Array, Array]:
+        """Bounds of a function that a set is made of, both (M,)."""
+        if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
-        least, most = self.cut(part.axes, box, lambda low, high: part.function.bounds(low, high, times))
+        least, most = self.cut(part.axes, box, lambda low, high: one.bounds(low, high, times))
         return least[:, 0], most[:, 0]
 
     def velocity(self, j: int, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
@@ -380,31 +395,45 @@ class Robot(Sets):
     def stays_near(self, j: int, boxes: Array, times: Times, allowed: Array, travel: Array) -> Array:
         """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
 
-        def near(box: Array) -> Array:
+        def near(box: Array) -> tuple[Array, Array]:
             """Whether velocities in a box around the prediction differ from the undisturbed by little enough."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
-            return np.all(difference * self.delay <= allowed * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
+            yes = np.all(difference * self.delay <= allowed * (1 + 1e-12) + ROUNDED * self.scale, axis=1)
+            return yes, np.zeros_like(yes)
 
         return everywhere(near, boxes, self.known, NEAREST)
 
     # ---- tubes and sets
 
-    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST, inside: bool = False) -> Array:
-        """Whether boxes (2, M, axes) are proved to be outside a set, or inside it, (M,)."""
+    def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
+        """Whether boxes (2, M, axes) are proved to be outside a set, (M,)."""
+        out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
+        for one in part.least_of:
+            left = np.flatnonzero(out)
+            out[left] = everywhere(partial(self.above, part, one, times), box[:, left], every, depth)
+        return out
 
-        def holds(some: Array) -> Array:
-            """Whether boxes are surely inside, or surely outside, the set: <= 0, or > 0, everywhere."""
-            least, most = self.value(part, some, times)
-            return most <= 0 if inside else least > 0  # check 4.31
+    def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
+        """Where a function that a set is made of is above 0 all over a box, and where all of the box is in the set."""
+        least, most = self.value(part, one, box, times)
+        return least > 0, most <= 0  # check 4.31
 
-        return everywhere(holds, box, np.ones(box.shape[2], np.bool_), depth)
+    def inside(self, part: Part, box: Array, times: Times) -> Array:
+        """Whether boxes (2, M, axes) are proved to be inside a set, (M,)."""
+
+        def holds(some: Array) -> tuple[Array, Array]:
+            """Where the function is at most 0 all over a box, and where it nowhere is."""
+            least, most = self.value(part, part.function, some, times)
+            return most <= 0, least > 0  # check 5.17
+
+        return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
     def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
         """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
         grid, out = self.grid, np.ones(len(at), np.bool_)
-        there = self.inside(ends, swept, at)
+        there = self.not_gone(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
         if not there.all():  # check 4.45
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
@@ -413,7 +442,6 @@ class Robot(Sets):
             allowed = ROOM * grid.spacing[axis]
             out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
             out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
-        cuts = [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
         for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
@@ -421,7 +449,7 @@ class Robot(Sets):
                 left = left[
                     ~self.outside(unsafe_set, (whole[:, left] + OUTWARD * 2 * self.near)[..., own], self.always, 0)
                 ]
-            for piece, times in enumerate(pairwise(cuts)):
+            for piece, times in enumerate(pairwise(self.cuts(step))):
                 box = ends[:, left] + np.moveaxis(swept[at[left], piece], 1, 0) + OUTWARD * 2 * self.near  # check 4.33
                 when = times[0] - self.jitter, times[1] + self.jitter  # check 4.40
                 good = self.outside(unsafe_set, box[..., own], self.always if not unsafe_set.moving else when, depth)
@@ -429,24 +457,95 @@ class Robot(Sets):
                 out[left[~good]], left = False, left[good]  # check 4.49
         return out
 
-    def blocks_hold(self, step: int, j: int, places: Array, swept: Array) -> Array:
-        """Which cells are clear, (cells,) bool, decided for blocks that move alike; False means still open."""
-        counts, sides = self.counts, np.where(self.known, 1, SIDE)
-        shape = -(-counts // sides)
-        first = np.stack(np.unravel_index(np.arange(shape.prod()), shape), axis=1) * sides
-        at = np.searchsorted(places, first @ self.strides)
-        looked_at, out = np.isin(first @ self.strides, places), np.zeros(len(first), np.bool_)
-        for begin in range(0, len(first), BOXES_AT_ONCE):
-            some = begin + np.flatnonzero(looked_at[begin : begin + BOXES_AT_ONCE])
-            last = np.minimum(first[some] + sides, counts) - 1  # check 4.34
-            ends = np.stack([self.ends(first[some])[0], self.ends(last)[1]])
-            out[some] = self.clear_holds(ends, step, j, swept, at[some], 0)
-        out = out.reshape(shape)
-        for axis in np.flatnonzero(~self.known):
-            out = out.repeat(SIDE, axis).take(np.arange(counts[axis]), axis)
-        return out.ravel()
+    def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
+        """A lattice of an unsafe set, and how many boxes may meet it in the parts of an interval; each is made once."""
+        part = self.unsafe[number]
+        own, key = list(part.axes), (number, step if part.moving else 0)
+        if key not in self.lattices:
+            times = list(pairwise(self.cuts(step))) if part.moving else [self.always]
+            edges, pieces = [self.edges[axis] for axis in own], self.pieces(part)
+            boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
+            when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
+            signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
+            self.lattices[key] = boxes, [*map(boxes.counted, signs)]
+        return self.lattices[key]
 
-    def inside(self, ends: Array, swept: Array, at: Array) -> Array:
+    def pieces(self, part: Part) -> int:
+        """How many pieces cells are cut into for a set; 0 where that is no use."""
+        times = len(self.clear) * self.parts if part.moving else 1
+        return pieces_of(self.counts[list(part.axes)].tolist(), times)
+
+    @cached_property
+    def sway(self) -> Array:
+        """How far a tube sticks out of its cell to both sides, about: (ndim,)."""
+        middle, now = np.add(self.grid.lower, self.grid.upper) / 2, (self.time(0), self.time(0))
+        slow, fast = self.velocity(0, np.tile(middle, (2, 1, 1)), now)
+        return (fast - slow)[0] / 2 * self.length + self.off
+
+    def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
+        """As `clear_holds`, of tubes swept[at] from cells of these numbers (M,), looked up; False means still open."""
+        grid, out = self.grid, np.ones(len(numbers), np.bool_)
+        whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
+        for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
+            low, high = self.along(axis, places, whole)
+            good = (low >= grid.lower[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
+            good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
+            out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
+        parts = list(np.moveaxis(swept, 1, 0))
+        for number, part in enumerate(self.unsafe):
+            if not part.counts(j):  # check 4.62
+                continue
+            boxes, found = self.lattice_of(number, step)
+            left = np.flatnonzero(out)
+            if not part.moving:  # often the whole tube at once will do
+                left = left[~self.misses(boxes, found[0], part.axes, whole, numbers[left], places, at[left])]
+            for piece, tube in enumerate(parts):
+                counts = found[piece if part.moving else 0]  # check 4.52
+                good = self.misses(boxes, counts, part.axes, tube, numbers[left], places, at[left])
+                out[left[~good]], left = False, left[good]
+        return out
+
+    def misses(
+        self,
+        boxes: Lattice,
+        counts: Array,
+        axes: Sequence[int],
+        tube: Array,
+        numbers: Array,
+        places: Array,
+        at: Array,
+    ) -> Array:
+        """Whether tubes tube[at] from cells of these numbers (M,) overlap no box that is counted: (M,)."""
+        spans = [boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)]
+        out = np.empty(len(numbers), np.bool_)
+        for begin in range(0, len(numbers), BOXES_AT_ONCE):
+            own = slice(begin, begin + BOXES_AT_ONCE)
+            cells, rows = self.cells(numbers[own]), at[own]
+            each = [(rows, 0 if self.known[axis] else cells[:, axis]) for axis in axes]
+            ends = [(first[one], last[one] + 1) for (first, last), one in zip(spans, each, strict=True)]
+            out[own] = overlap(counts, ends) == 0  # check 4.63
+        return out
+
+    def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
+        """Ends of tubes along an axis, from its cell at each place, or from every cell there is: (places, 1 or n)."""
+        cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
+        near = 2 * self.near[axis]
+        edges = self.edges[axis]
+        return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
+
+    def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
+        """`clear_holds` of the cells of these numbers (M,), so many at a time that memory is bounded."""
+        out = np.empty(numbers.size, np.bool_)
+        for begin in range(0, numbers.size, BOXES_AT_ONCE):
+            own = slice(begin, begin + BOXES_AT_ONCE)
+            out[own] = self.clear_holds(self.ends(self.cells(numbers[own])), step, j, swept, at[own])
+        return out
+
+    def cuts(self, step: int) -> list[float]:
+        """When the parts of the interval from a step begin and end."""
+        return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
+
+    def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
@@ -464,7 +563,7 @@ class Robot(Sets):
             out &= self.outside(unsafe_set, box[..., list(unsafe_set.axes)], times)  # check 5.14
         if self.target is None:
             return out
-        return out & self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)
+        return out & self.inside(self.target, box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
         """A set of the file, (cells,) bool."""
@@ -495,33 +594,27 @@ class Robot(Sets):
         moved = self.driven(places, j, self.time(start), finer)[1][:, at]  # check 5.23
         box = self.ends(cells, 2 * self.near) + moved  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
-        return self.outside(self.target, box[..., list(self.target.axes)], times, inside=True)  # check 5.21
+        return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
-        sums = self.sums(following)
+        inside = self.sums(following)
 
         def hold(some: Array) -> Array:
             """Whether some input leads from each of these cells into the set of the next step."""
             out = np.zeros(len(some), np.bool_)
             for j in range(self.low.shape[1]):
                 left = np.flatnonzero(~out)
-                out[left] = self.leads(some[left], step, j, sums)
+                out[left] = self.leads(some[left], step, j, inside)
             return out
 
         return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
-        inside = cells.reshape(self.counts)
-        for axis in np.flatnonzero(self.periodic):
-            inside = np.concatenate([inside] * 2, axis=axis)
-        sums = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
-        for k in range(sums.ndim):
-            np.cumsum(sums, axis=k, out=sums)
-        return sums
+        return sums(cells.reshape(self.counts), self.periodic)
 
-    def leads(self, numbers: Array, step: int, j: int, sums: Array) -> Array:
+    def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
         """Whether an input is clear from cells, and all cells that it may lead to are in a set with such sums: (M,)."""
         cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
@@ -530,10 +623,10 @@ class Robot(Sets):
         first, last = (cells[left] + array[start, j, cells[left] @ self.strides] for array in (self.low, self.high))
         # check 3.49
         gone = (((last < -1) & self.safe[:, 0]) | ((first > most + 1) & self.safe[:, 1])).any(axis=1)  # by a cell
-        inside = self.box_inside(first, last, sums)
+        inside = self.box_inside(first, last, counted)
         if self.lines is not None:  # a part of the box will do
             some = np.flatnonzero(~inside & self.lines.far_from_ends(cells[left], self.counts))
-            inside[some] = self.lines.inside(self, cells[left[some]], start, j, sums)
+            inside[some] = self.lines.inside(self, cells[left[some]], start, j, counted)
         out[left] = gone | inside
         if len(self.arrives):
             sites = cells @ self.sites
@@ -541,16 +634,13 @@ class Robot(Sets):
             out[left] |= (marks[left] >> np.uint8(j % 8)) & 1 == 1  # check 3.77
         return out
 
-    def box_inside(self, first: Array, last: Array, sums: Array) -> Array:
+    def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
         """Whether all cells from first to last (M, ndim), clipped at ends that are none, are in a set: (M,)."""
         most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
         first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
         last = np.where(self.periodic, np.where(whole, most, last - turns), np.clip(last, 0, most))
-        total = np.zeros(len(first), np.int64)
-        for corner in product((0, 1), repeat=len(most)):
-            at = tuple(last[:, axis] + 1 if side else first[:, axis] for axis, side in enumerate(corner))
-            total += sums[at] * (-1) ** corner.count(0)
+        total = overlap(counted, list(zip(first.T, last.T + 1, strict=True)))
         return total == np.prod(last - first + 1, axis=1)  # check 3.44
 
     # ---- claims
@@ -594,7 +684,8 @@ class Robot(Sets):
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
         at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
-        places = np.unique(at)
+        places, row = np.unique(at), np.empty(all_places, np.int64)
+        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
         for start, j in tqdm([*product(range(starts), range(inputs))], desc="moves", disable=silent):  # check 4.27
@@ -611,6 +702,7 @@ class Robot(Sets):
                 looked_at = np.flatnonzero(needed)
                 if not looked_at.size:
                     break
+                row[looked_at] = np.arange(looked_at.size)
                 swept = np.empty((looked_at.size, self.parts, 2, self.grid.ndim))
                 held = np.empty(looked_at.size, np.bool_)
                 for begin in range(0, looked_at.size, BOXES_AT_ONCE):
@@ -623,15 +715,10 @@ class Robot(Sets):
                         held[own] &= self.lines.hold(self, box, looked_at[own], start, j, swept[own], 4 * finer)
                 moving = np.intersect1d(moving, looked_at[~held])
                 for step, some in open_.items():
-                    if finer == FINER[0] and not self.known.all():
-                        some = some[~self.blocks_hold(step, j, looked_at, swept)[numbers[some]]]
-                    rows = np.searchsorted(looked_at, at[some])
-                    slabs = [slice(begin, begin + BOXES_AT_ONCE) for begin in range(0, some.size, BOXES_AT_ONCE)]
-                    good = [
-                        self.clear_holds(self.ends(self.cells(numbers[some[own]])), step, j, swept, rows[own])
-                        for own in slabs
-                    ]
-                    open_[step] = some[~np.concatenate(good)] if good else some
+                    if counted:
+                        rows = row[at[some]]
+                        some = some[~self.clear_by_lattice(step, j, numbers[some], looked_at, swept, rows)]
+                    open_[step] = some[~self.clear_in_slabs(step, j, numbers[some], swept, row[at[some]])]
             wrong[0].extend(f"start {start}, input {j}, place {place}" for place in moving)
             wrong[1].extend(f"start {step}, input {j}, cell {n}" for step, some in open_.items() for n in numbers[some])
         yield Claim("moves", starts * inputs * all_places, starts * inputs * places.size, wrong[0])

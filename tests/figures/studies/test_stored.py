@@ -17,7 +17,7 @@ def cells(line: str) -> list[str]:
 def test_one_solve_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(stored, "on_disk", lambda path: 15 * 10**8 if (path / "head").is_file() else 0)
-    monkeypatch.setattr(stored, "timed", lambda call, *args, **options: (1234.4, call(*args, **options)))
+    monkeypatch.setattr(stored, "timed", lambda call, *args, clock, **options: (1234.4, call(*args, **options)))
     done = CliRunner().invoke(stored.main, ["--robot", "case study", "--nodes", "9", "--memory", "100000000"])
     assert done.exit_code == 0, done.output
     name, slabs, seconds, memory, disk, share = cells(done.stdout.splitlines()[-1])

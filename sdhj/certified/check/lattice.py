@@ -1,0 +1,121 @@
+"""Boxes that may meet an unsafe set, counted: whether a tube is clear of the set takes equally long anywhere.
+
+A lattice is the cells of the set's axes, cut into pieces. Each of its boxes is bounded once, for all inputs: blocks of
+many boxes first, and what is in a block only where it is open whether all of that is outside the set or in it. A tube
+is clear where it overlaps no box that may meet the set, and how many of these it overlaps is a sum of counts at the
+corners of what it overlaps.
+
+Most tubes stick out of their cells to both sides, by what the adversary moves a state meanwhile. So boxes are bounded
+`wider`, and tubes are looked up without as much: what is in a tube is that near to a box that is looked up.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array
+
+MOST_LATTICE = 1 << 21  # boxes that cells are cut into, at all times together
+MOST_KEPT = 1 << 28  # boxes; for more cells at all times together there is no lattice
+MOST_CUTS = 16  # of a cell, along each axis
+BLOCKS = (16, 4, 1)  # boxes along each axis that are bounded together
+AT_ONCE = 1 << 14  # boxes, or tubes
+OPEN, OUTSIDE, MET = range(3)
+
+Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to where it holds, and where it nowhere does
+
+
+def pieces_of(counts: Sequence[int], times: int) -> int:
+    """How many pieces a cell is cut into along each axis, for so many times; 0 where there are too many boxes."""
+    cells = max(math.prod(counts) * times, 1)
+    return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / max(len(counts), 1))), 1), MOST_CUTS)
+
+
+def memory(counts: Sequence[int], laps: int, times: int) -> int:
+    """Bytes of the lattices of a set with so many periodic axes, and of what the last one is made of."""
+    boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
+    return boxes * ((4 * times << laps) + (2 << laps) + 4)
+
+
+class Lattice:
+    """The boxes of a set's axes, pieces of its cells, and what tubes are looked up without."""
+
+    def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
+        """Edges of cells, cut into pieces; near: as it counts as in a cell; sway: how far most tubes stick out."""
+        share = np.arange(pieces) / pieces
+        self.edges = [np.unique([*(own[:-1, None] + np.diff(own)[:, None] * share).ravel(), own[-1]]) for own in edges]
+        self.periodic, pitch = periodic, np.array([np.diff(own).max() for own in self.edges])
+        self.without = np.where(sway < pitch, sway, 0.0) + 3 * near
+        self.wider = self.without + near  # check 4.51
+        self.shape = np.array([own.size - 1 for own in self.edges])
+
+    def counted(self, every: Sequence[Holds]) -> Array:
+        """How many boxes that may meet a set are before each corner: periodic axes twice over.
+
+        every : functions, each of which is above 0 outside the set, and says where it is, and where it nowhere is.
+        """
+        met = np.zeros(self.shape, np.bool_)
+        for holds in every:
+            blocks, larger = np.full(-(-self.shape // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
+            for side in BLOCKS:
+                for axis, n in enumerate(shape := (-(-self.shape // side)).tolist()):
+                    blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
+                larger, known = side, np.ascontiguousarray(blocks).ravel()
+                if side == 1:
+                    known[met.ravel()] = MET
+                left = np.flatnonzero(known == OPEN)
+                for begin in range(0, left.size, AT_ONCE):
+                    some = left[begin : begin + AT_ONCE]
+                    first = np.stack(np.unravel_index(some, shape), axis=1) * side
+                    outside, inside = holds(self.boxes(first, side))
+                    known[some] = np.where(outside, OUTSIDE, np.where(inside, MET, OPEN))
+                blocks = known.reshape(shape)
+            met |= blocks != OUTSIDE  # check 4.53
+        return sums(met, self.periodic)
+
+    def boxes(self, first: Array, side: int) -> Array:
+        """Ends (2, M, axes) of blocks of `side` boxes from boxes `first` (M, axes) on, wider."""
+        past = np.minimum(first + side, self.shape)  # check 4.54
+        ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
+        low, high = np.moveaxis(np.array(ends), 1, 2)
+        return np.stack([low - self.wider, high + self.wider])  # check 4.55
+
+    def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
+        """From which box along an axis to which tubes from low to high overlap boxes."""
+        edges, (begin, end) = self.edges[axis], self.edges[axis][[0, -1]]
+        low, high = low + self.without[axis], high - self.without[axis]
+        whole = high - low >= end - begin
+        if self.periodic[axis]:
+            turns = np.floor((low - begin) / (end - begin)) * (end - begin)
+            low, high = low - turns, high - turns
+        beyond = self.periodic[axis] & (high > end)
+        high = np.where(beyond, high - (end - begin), high)
+        most = edges.size - 2
+        first = np.clip(np.searchsorted(edges, low, "right") - 1, 0, most)
+        last = np.clip(np.searchsorted(edges, high, "left") - 1, 0, most) + beyond * (most + 1)  # check 4.56
+        last = np.maximum(first, last)  # of a tube that is narrower than that, too
+        whole &= self.periodic[axis]
+        return np.where(whole, 0, first), np.where(whole, most, last)  # check 4.57
+
+
+def sums(inside: Array, periodic: Array) -> Array:
+    """How many cells of a set, bool, are before each corner; periodic axes twice over."""
+    for axis in np.flatnonzero(periodic):
+        inside = np.concatenate([inside] * 2, axis=axis)
+    out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
+    for each in range(out.ndim):
+        np.cumsum(out, axis=each, out=out)
+    return out
+
+
+def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
+    """How many cells are in boxes and in a set with such sums; of each axis from which to before which, both (M,)."""
+    total, flat = np.zeros(len(ends[0][0]), np.int32), of.ravel()
+    strides = np.cumprod([1, *of.shape[:0:-1]])[::-1]
+    own = [(first * stride, past * stride) for (first, past), stride in zip(ends, strides.tolist(), strict=True)]
+    for corner in product((0, 1), repeat=of.ndim):
+        at = sum(pair[side] for pair, side in zip(own, corner, strict=True))
+        total += flat[at] * (-1) ** corner.count(0)
+    return total

@@ -1,0 +1,75 @@
+"""Lattices of boxes against plain loops, in fractions where they must cover something."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from sdhj.certified.check.lattice import Lattice, overlap
+
+NEAR, SWAY = np.array([1e-10, 2e-10]), np.array([0.01, 9.0])  # of which the second is more than a box
+
+
+def lattice(pieces=3, periodic=(True, False)):
+    """Cells of some widths, one of them a layer of none."""
+    edges = [np.array([-1.0, -0.4, 0.1, 0.9, 1.0]), np.array([0.0, 0.0, 0.7, 1.4, 2.0])]
+    return Lattice(edges, pieces, np.array(periodic), NEAR, SWAY)
+
+
+def tubes(rng, edges):
+    """Ends of some intervals, of which many end at edges, or nearly, and some are longer than the axis."""
+    low = rng.choice(np.append(edges, rng.uniform(-3, 3, edges.size)), 400) + rng.choice([0.0, -1e-10, 1e-10, 0.3], 400)
+    high = np.maximum(low, rng.choice(np.append(edges, rng.uniform(-3, 3, edges.size)), 400))
+    return low, high + rng.choice([0.0, 1e-10, 0.004, 0.02, 3.0], 400)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_boxes_cover_what_is_looked_up(axis, rng):
+    """Every tube lies in the wider boxes that it is said to overlap, exactly; and each of them is near to it."""
+    for own in (lattice(), lattice(1, (False, False))):
+        edges, (low, high) = own.edges[axis], tubes(rng, own.edges[axis])
+        first, last = own.overlapped(axis, low, high)
+        n, begin, end = edges.size - 1, Fraction(edges[0]), Fraction(edges[-1])
+        wide = own.boxes(np.tile(np.arange(n)[:, None], 2) % own.shape, 1)[:, :, axis]
+        wide[:, np.arange(n) >= own.shape[axis]] = np.nan
+        for a, b, i, j in zip(low.tolist(), high.tolist(), first.tolist(), last.tolist(), strict=True):
+            a, b = Fraction(a), Fraction(b)
+            if own.periodic[axis]:
+                assert 0 <= i < n and i <= j < 2 * n
+                turns = (a + Fraction(own.without[axis]) - begin) // (end - begin) * (end - begin)
+                a, b = a - turns, b - turns
+                if (i, j) == (0, n - 1) and b - a >= (end - begin):
+                    continue
+                a, b = (a - end + begin, b - end + begin) if i == 0 and a > (begin + end) / 2 and j < n - 1 else (a, b)
+            else:
+                assert 0 <= i <= j < n
+                a, b = min(max(a, begin), end), min(max(b, begin), end)
+            lower = Fraction(float(wide[0, i]))
+            upper = Fraction(float(wide[1, j % n])) + (end - begin) * (j // n)
+            slack = Fraction(1, 10**14) if own.periodic[axis] else 0
+            assert lower <= a + slack and b <= upper + slack
+            few = Fraction(2 * own.wider[axis] + 4 * NEAR[axis])
+            assert i == j or (a <= Fraction(float(wide[1, i])) + few and b >= Fraction(float(wide[0, j % n])) - few)
+
+
+def test_boxes_that_may_meet_a_set_are_counted(rng):
+    """Those of a set made of two, box by box; and tubes overlap as many as loops count."""
+    own = lattice(40)
+    centres, radii = np.array([[0.95, 1.0], [-0.2, 1.7]]), np.array([0.25, 0.1])
+
+    def sign(centre, radius, box):
+        """Of a disk, the two ends of the distance to a box, less the radius."""
+        gap = np.maximum(np.maximum(box[0] - centre, centre - box[1]), 0.0)
+        far = np.maximum(np.abs(box[0] - centre), np.abs(box[1] - centre))
+        return np.hypot(*gap.T) > radius, np.hypot(*far.T) <= radius
+
+    functions = [lambda box, one=one: sign(*one, box) for one in zip(centres, radii, strict=True)]
+    counts = own.counted(functions)
+    every = np.stack(np.unravel_index(np.arange(own.shape.prod()), own.shape), axis=1)
+    met = ~np.all([one(own.boxes(every, 1))[0] for one in functions], axis=0).reshape(own.shape)
+    assert 0.01 < met.mean() < 0.5 and np.array_equal(np.diff(np.diff(counts, axis=0), axis=1)[: own.shape[0]], met)
+    ends = [own.overlapped(axis, *tubes(rng, own.edges[axis])) for axis in range(2)]
+    found = overlap(counts, [(first, last + 1) for first, last in ends])
+    twice = np.concatenate([met, met])
+    (a, b), (c, d) = ends
+    assert np.array_equal(found, [twice[a[k] : b[k] + 1, c[k] : d[k] + 1].sum() for k in range(400)])
