@@ -19,18 +19,25 @@ nothing was rounded out on axes with one velocity, and with that, each for the w
 an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
 steps.
 
+Where each axis loses more than there is, and the target's axes are a problem of their own with one velocity, as an arm
+that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
+which fit the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which
+most is kept.
+
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.
 """
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from sdhj.certified.alone import axes_alone, proved_alone
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
@@ -54,6 +61,9 @@ WAYS = 16  # in which inputs are asked how far they move
 SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
 DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
+TUBES, LEFT = 10.0, 2.0  # likewise where the target's axes are a problem of their own: by eleven solves of two robots
+LEADING = 40  # numbers of cells of these that are looked at
+IMAGES = 50_000  # for each second, of their cells and inputs: a microsecond each
 WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
@@ -101,7 +111,74 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
     places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
+    if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
+        places = _around(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(wishes[place] for place in places)
+
+
+def _around(
+    problem: ReachAvoidProblem,
+    parts: int,
+    seconds: float,
+    speeds: Speeds,
+    cells: Sequence[Sequence[CellAxis]],
+    rates: FloatArray,
+    lost: FloatArray,
+) -> list[int]:
+    """The choices by which most is kept of what the target's axes prove alone, where they are a problem of their own.
+
+    Of what these prove in time exp(-l) is left. In l the widths of these axes count `TUBES` times: tubes of wide cells
+    meet what is unsafe; and what is lost on the others, to widths at once and to rounding in each step, `LEFT` times;
+    both for each unit of what boundaries of unsafe sets take of the states outside.
+    """
+    alone, steps = axes_alone(problem), losing_steps(problem, speeds)
+    if not alone:
+        return []
+    best, most, m = list[int](), 0.0, _crossings(problem, left=True)
+    widths = np.array([[float(axis.width) for axis in own] for own in cells])
+    lost = lost * (m / np.maximum(rates[0], 1e-300))[:, None] * LEFT
+    lost[alone] = TUBES * m[alone, None] * widths[alone]
+    for given in _led_far(problem, cells, alone, rates[0], IMAGES * seconds):
+        places = _spread(problem, parts, seconds, speeds, cells, rates, lost, given)
+        axes = _picked(cells, places)
+        if sum(cost(problem, axes, parts, speeds)) > CORES * seconds:
+            break
+        proved = proved_alone(problem, [axes[k] for k in alone], steps)
+        kept = proved * math.exp(-lost[range(len(axes)), places].sum())
+        best, most = (places, kept) if kept > most else (best, most)
+    return best
+
+
+def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
+    """One of the choices of each axis."""
+    return tuple(own[place] for own, place in zip(cells, places, strict=True))
+
+
+def _led_far(
+    problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], alone: Sequence[int], m: FloatArray, most: float
+) -> list[dict[int, int]]:
+    """Choices of the axes of `axes_alone`, from few cells to many: {axis: place}.
+
+    On each the widest cells of which the input that leads farthest passes 1, 2, ...: if it leads k + 1/2 cells far, it
+    would pass k of wider ones. On all of them together those that lose about alike at once, m (ndim,) for each unit; no
+    more than `most` images of cells.
+    """
+    some, out = {}, list[dict[int, int]]()
+    for axis in alone:
+        moves = [moved_bounds(problem, axis, j) for j in range(len(problem.inputs))]
+        far = max(max(low, -high) for low, high in moves)
+        whole = [far // own.width for own in cells[axis]]
+        some[axis] = [i for i in range(1, len(whole)) if whole[i] > max(whole[i - 1], 0)] or [*range(len(whole))]
+
+    def lost(axis: int, place: int) -> float:
+        return m[axis] * float(cells[axis][place].width)
+
+    for factor in np.geomspace(1.0, MOST_OF_AN_AXIS, LEADING) / m[alone].max(initial=1e-300):
+        crowd = {k: [factor * lost(k, i) + math.log(cells[k][i].count) for i in own] for k, own in some.items()}
+        chosen = {k: some[k][int(np.argmin(own))] for k, own in crowd.items()}
+        images = math.prod(cells[k][i].count for k, i in chosen.items()) * len(problem.inputs)
+        out += [chosen] if chosen not in out and images < most else []
+    return out
 
 
 def _spread(
@@ -112,16 +189,20 @@ def _spread(
     cells: Sequence[Sequence[CellAxis]],
     rates: FloatArray,
     lost: FloatArray,
+    given: Mapping[int, int] = MappingProxyType({}),
 ) -> list[int]:
     """Which of the choices of each axis lose least, for what can be paid.
 
     rates (3, ndim) : of `losses`, and what each choice of each axis then loses, lost (ndim, choices)
+    given : the choices of some axes
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
     shares = np.maximum(shares, 1e-3 * shares.max(initial=1e-300))
     counts = np.array([[axis.count for axis in own] for own in cells])
     lost, crowd = np.maximum(lost, 1e-3 * shares[:, None] / counts), np.log(counts)
+    for axis, place in given.items():
+        crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
         """For each axis the choice of least factor lost / share^(SHARPNESS - 1) + crowd."""
@@ -129,7 +210,7 @@ def _spread(
 
     def fits(places: FloatArray) -> bool:
         """Whether cells of these choices fit into the memory and the time."""
-        axes = tuple(own[place] for own, place in zip(cells, places.tolist(), strict=True))
+        axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
         return bool(lost[every, places].sum() > WORTH and large < MOST_BYTES and paid < CORES * seconds)
@@ -250,19 +331,22 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
     return Ways(axes, moves, scales, np.concatenate([drawn, -drawn]))
 
 
-def _crossings(problem: ReachAvoidProblem) -> FloatArray:
-    """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up."""
+def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
+    """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up.
+
+    left : of unsafe sets alone, for each unit of length that lines are outside
+    """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
-    out = np.isfinite(ends).sum(axis=0) / extent
-    for part in known_sets(problem):
+    out = np.isfinite(ends).sum(axis=0) * (not left) / extent
+    for part in problem.unsafe if left else known_sets(problem):
         own = grid.subgrid(part.axes)
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]
         inside = np.stack([part.level_set(own.points(), t).reshape(own.shape) <= 0.0 for t in times])
         for i, axis in enumerate(part.axes):
             crossed = np.diff(inside, axis=1 + i).mean() * (own.shape[i] - 1)
-            out[axis] += crossed / extent[axis] / max(inside.mean(), 1 / own.size)
+            out[axis] += crossed / extent[axis] / max(1.0 - inside.mean() if left else inside.mean(), 1 / own.size)
     return out
 
 

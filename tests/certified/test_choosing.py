@@ -1,7 +1,9 @@
 """Cells that nobody gave: what the model says of losses that are known by hand, and what a solve makes of it."""
 
+import itertools
 import math
 from dataclasses import replace
+from fractions import Fraction
 
 import fleet
 import large
@@ -12,7 +14,8 @@ from test_memory import joint
 from toys import interval_problem
 
 import sdhj
-from sdhj.certified.cells import aligned, aligned_choices
+from sdhj.certified.alone import axes_alone, proved_alone
+from sdhj.certified.cells import aligned, aligned_choices, axis_of, moved_bounds
 from sdhj.certified.choosing import SLOWED, chosen_cells, cost, losing_steps, losses, lost_to, rounded_out, speeds_of
 
 
@@ -191,3 +194,74 @@ def test_where_steps_gain_nothing_the_target_counts():
     """In six dimensions in 10 s a step loses more than there is: cells go to x, y, z, the axes of target and ball."""
     cells = chosen_cells(large.WORKED["space"].problem(17), 10, 10.0)
     assert min(cells[:3]) > 2 * max(cells[3:])
+
+
+def two_joints():
+    """Two at 1.5 rad/s, .2 s at a time: an input moves one by .3 +- .02 rad; and what drifts along a third axis."""
+    levels = [[a, b] for a in (-1.5, 0.0, 1.5) for b in (-1.5, 0.0, 1.5)]
+    return sdhj.ReachAvoidProblem(
+        sdhj.Grid([0.0, 0.0, -1.0], [4.0, 4.0, 1.0], [21] * 3, periodic=[True, False, False]),
+        sdhj.Dynamics(levels, np.pad(levels, ((0, 0), (0, 1))), np.eye(3), [0.1, 0.1, 0.05]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.maximum(abs(p[:, 0] - 1.0 - 0.1 * t), abs(p[:, 1] - 2.0)) - 0.25),
+        [sdhj.UnsafeSet((0, 1, 2), lambda p, t: np.abs(p - [2.0, 2.0, 0.0]).max(axis=1) - 0.1)],
+        0.2,
+        3,
+    )
+
+
+def by_loops(problem, axes):
+    """What `proved_alone` says, cell by cell, in fractions; the target is the box above."""
+    moves = [(0, 0), *dict.fromkeys(moved_bounds(problem, 0, j) for j in range(len(problem.inputs)))]  # alike on both
+    cells, steps = list(itertools.product(*[range(axis.count) for axis in axes])), range(problem.steps + 1)
+
+    def image(axis, i, move, step):
+        """The cells that a cell comes to along an axis, and whether that is in the target then."""
+        low, high = (axis.lower + (i + by) * axis.width + end for by, end in enumerate(move))
+        middle = 1 + Fraction(step, 50) if axis is axes[0] else Fraction(2)
+        some = range(math.floor((low - axis.lower) / axis.width), math.ceil((high - axis.lower) / axis.width))
+        ahead = [j % axis.count if axis.periodic else min(max(j, 0), axis.count - 1) for j in some]
+        return ahead, middle - Fraction(1, 4) <= low and high <= middle + Fraction(1, 4)
+
+    images = {
+        key: image(axes[key[0]], *key[1:])
+        for axis in (0, 1)
+        for key in itertools.product([axis], range(axes[axis].count), moves, steps)
+    }
+
+    def leads(cell, step, sets):
+        """Whether some input leads a cell into a set of cells, or into the target where it is a step later."""
+        for way in itertools.product(moves[1:], repeat=2):
+            (a, in_a), (b, in_b) = (images[axis, cell[axis], way[axis], step + 1] for axis in (0, 1))
+            if (in_a and in_b) or set(itertools.product(a, b)) <= sets:
+                return True
+        return False
+
+    sets = [{cell for cell in cells if all(images[k, cell[k], (0, 0), step][1] for k in (0, 1))} for step in steps]
+    shares = [len(sets[0]) / len(cells)]
+    for _ in range(problem.steps):  # who arrives in the target's cells or in it: after a step more, in those who do
+        sets = [
+            now | {cell for cell in cells if leads(cell, step, then)}
+            for step, (now, then) in enumerate(itertools.pairwise(sets))
+        ]
+        shares.append(len(sets[0]) / len(cells))
+    return shares
+
+
+def test_what_the_axes_of_the_target_prove_alone():
+    """Cell by cell in fractions: a moving target of two axes, of which the first closes."""
+    problem = two_joints()
+    assert axes_alone(problem) == [0, 1]
+    axes = [axis_of(problem.grid, axis, width) for axis, width in enumerate((Fraction(1, 10), Fraction(1, 8)))]
+    found = [proved_alone(problem, axes, steps) for steps in range(problem.steps + 1)]
+    np.testing.assert_allclose(found, by_loops(problem, axes), rtol=1e-9)
+    assert 0 < found[0] < found[1]
+    for other in (car(), fleet.FLEET["256 inputs"]().problem(), large.car(9)):  # turns; has no axis else; turns
+        assert not axes_alone(other)
+
+
+def test_cells_fit_what_inputs_move():
+    """.28 rad at least are 2 of 29 cells, and less than 2 of 28; with these one does not get everywhere in 8 steps."""
+    problem = replace(two_joints(), steps=8)
+    assert chosen_cells(problem, 10, 0.16)[:2] == (29, 29)
+    proved = [proved_alone(problem, aligned(problem, (n, n, 2))[:2], 8) for n in (28, 29)]
+    assert proved[0] < 0.9 < proved[1]

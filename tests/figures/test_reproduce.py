@@ -55,4 +55,4 @@ def test_the_whole_main_job(tmp_path: Path) -> None:
     assert (rows[3]["method"], rows[3]["failures, worst"]) == ("certified", "0.00%")
     names = {path.stem for path in tmp_path.iterdir()}
     assert {"results", "fig01_problem", "fig12_trajectory", "fig14_timing", "extra_fractions"} <= names
-    assert len(names) == 18 and "extra_rules" not in names
+    assert len(names) == 19 and "extra_rules" not in names

@@ -1,0 +1,75 @@
+"""What cells prove of the axes of the target by themselves: nothing is unsafe there, and no other axis is looked at.
+
+Where velocities along these axes depend on no state, that is a problem of its own with few cells: a robot without its
+pursuer. Its recursion is the certified one: images rounded out to whole cells, and arrivals in the target itself. So it
+knows what no count of boundaries does, that an image of two cells fits into a target of three, and that an input of
+which the image is k cells away leads as far as one of k + 1/2.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import reduce
+
+import numpy as np
+
+from sdhj.certified.arrivals import HALVINGS, MOST_PIECES
+from sdhj.certified.bounds import Bounds
+from sdhj.certified.cells import CellAxis, is_steady, moved_bounds
+from sdhj.kernels import FloatArray
+from sdhj.problem.problem import ReachAvoidProblem
+
+Move = tuple[tuple[Fraction, Fraction], ...]
+
+
+def axes_alone(problem: ReachAvoidProblem) -> list[int]:
+    """The target's axes where they are a problem of their own, and others share the cells with them; else none."""
+    own = [] if problem.has_no_target else list(problem.target.axes)
+    return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
+
+
+def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
+    """The share of the states from which cells of the target's axes reach the target within some steps.
+
+    axes : the cells of `axes_alone`
+    """
+    moves = list(dict.fromkeys(_move(problem, j) for j in range(len(problem.inputs))))
+    bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
+    times = [problem.time(step) for step in range(steps + 1 if problem.target.moving else 1)]
+    sets = [_in_target(bounds, axes, still, t) for t in times]
+    shares = reduce(np.multiply, np.ix_(*[axis.shares() for axis in axes]))
+    for step in range(steps):
+        later = sets[1:] or sets
+        some = [now | _led_into(axes, moves, then) for now, then in zip(sets, later, strict=False)]
+        if step == 0 and not problem.sensing:  # with `Sensing` nobody arrives but by cells
+            for now, t in zip(some, times[1:] or times, strict=True):
+                for move in moves:
+                    now |= _in_target(bounds, axes, move, t)
+        sets = some
+    return float(shares[sets[0]].sum())
+
+
+def _move(problem: ReachAvoidProblem, j: int) -> Move:
+    """How far an input moves both ends of a state on each of the target's axes."""
+    return tuple(moved_bounds(problem, axis, j) for axis in problem.target.axes)
+
+
+def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -> FloatArray:
+    """Whether each cell, its ends moved, lies in the target: bool, of the shape of the cells."""
+    edges = [axis.edges() for axis in axes]
+    sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
+    sides += [[own[1:] + float(ahead) for own, (_, ahead) in zip(edges, move, strict=True)]]
+    low, high = (np.stack(np.meshgrid(*side, indexing="ij"), axis=-1).reshape(-1, len(axes)) for side in sides)
+    inside = bounds.inside(bounds.problem.target, low, high, (t, t), HALVINGS, MOST_PIECES)
+    return inside.reshape([axis.count for axis in axes])
+
+
+def _led_into(axes: Sequence[CellAxis], moves: Sequence[Move], inside: FloatArray) -> FloatArray:
+    """Which cells have an image, rounded out to whole cells, in a set of cells; images are made axis by axis."""
+    led: dict[Move, FloatArray] = {(): inside}
+    for move in moves:
+        for k, axis in enumerate(axes):
+            if move[: k + 1] not in led:
+                first, number = axis.image(*move[k])
+                ends = ((first + np.minimum(by, number - 1)) % axis.count for by in range(number.max()))
+                led[move[: k + 1]] = np.logical_and.reduce([led[move[:k]].take(end, axis=k) for end in ends])
+    return np.logical_or.reduce([led[move] for move in moves])
