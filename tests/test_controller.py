@@ -150,10 +150,9 @@ def around(table: LookupTable, q: np.ndarray, step: int) -> tuple[list[Any], lis
         held = np.where(grid.periodic, half, np.clip(half, *middle))
         centre = q + problem.delta * dynamics.drift_at(held[None], j)[0]
         if dynamics.gain is None:
-            still = centre - problem.delta * dynamics.drift_at(q[None], j)[0]
             pieces = [
-                [still + problem.delta * np.array(end) for end in box]
-                for box in toys.misled_velocities(q, problem.inputs[j])
+                [q + problem.delta * np.array(end) for end in box]
+                for box in toys.misled_velocities(held, problem.inputs[j])
             ]
             low, high = np.min([a for a, _ in pieces], axis=0), np.max([b for _, b in pieces], axis=0)
             walls = [ends[0] == "wall" and not p for ends, p in zip(grid.ends, grid.periodic, strict=True)][:2]

@@ -275,3 +275,36 @@ def test_who_turns_v_at_will_breaks_few_promises(compass, rng, rule):
     at = np.hypot(q[:, 0] - 0.5, q[:, 1]) - 0.25
     done |= ~lost & (at <= 0)
     assert len(q) > 250 and np.mean(~done) <= 0.03
+
+
+def test_margins_of_a_car_that_turns_are_those_halfway() -> None:
+    """Half a radian in an interval, and an error of direction: by own runs under v that switches, to a tenth of a cell.
+
+    With the velocities at the begin of an interval alone, margins were .19 cells too low.
+    """
+
+    def velocity(q, u, v):
+        return np.stack([np.cos(q[:, 2] + v[0]), np.sin(q[:, 2] + v[0]), u[0] + 0 * q[:, 2]], axis=1)
+
+    problem = sdhj.ReachAvoidProblem(
+        sdhj.Grid([-1, -1, -np.pi], [1, 1, np.pi], [21, 21, 20], [False, False, True]),
+        sdhj.Dynamics([[-2.0], [0.0], [2.0]], velocity=velocity, bounds=[0.5]),
+        sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 0.3, p[:, 1]) - 0.5),
+        [],
+        0.25,
+        2,
+    )
+    table, rng = sdhj.solve(problem, progress=False, play=False), np.random.default_rng(0)
+    states = rng.uniform([-0.7, -0.7, -np.pi], [0.7, 0.7, np.pi], (2000, 3))
+    batch, pieces = table.batch(states, 0), 20
+    found = np.full(batch.margins.shape, -np.inf)
+    for _ in range(20):
+        first, second, switch = *rng.choice([-0.5, 0.5], (2, 2000)), rng.integers(0, pieces + 1, 2000)
+        for j, (turn,) in enumerate(problem.inputs):
+            at = states[:, :2].copy()
+            for k in range(pieces):
+                heading = states[:, 2] + turn * (k + 0.5) * 0.25 / pieces + np.where(k < switch, first, second)
+                at += 0.25 / pieces * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+            ends = problem.grid.wrapped(np.column_stack([at, states[:, 2] + turn * 0.25]))
+            found[:, j] = np.maximum(found[:, j], table.values_at(ends[:, None], 1, batch.steps_after)[:, 0])
+    assert np.nanmax(found - batch.margins) < 0.1 * table.cell

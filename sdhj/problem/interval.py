@@ -237,7 +237,8 @@ class Interval:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
         Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
-        velocities do not depend on the state; else the adversary's gain is that at the start.
+        velocities do not depend on the state; else the adversary's gain is that at the start, and pieces of v have
+        the velocities halfway.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
@@ -340,8 +341,10 @@ class Interval:
             each = [[dynamics.along(nothing, j, t, ways) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
         instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
-        centre, points, far = self._moves(states, begin)[1], self.grid.wrapped(states), []
+        (moved, centre), far = self._moves(states, begin), []
         for j in count:
+            # where the state is halfway without an adversary: velocities at the begin alone would err to first order
+            points = self.grid.wrapped(self.grid.clipped(states + moved[:, j] / 2))
             beyond = [dynamics.along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants]
             far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
