@@ -23,6 +23,7 @@ from sdhj import Certified, Controller, Dynamics, TargetSet, UnsafeSet
 from sdhj.certified.check import verify
 from sdhj.certified.labels import labels
 from sdhj.cli import main
+from sdhj.table.relay import Relay
 
 MOVES = [[-1.0], [0.0], [1.0]]
 
@@ -326,6 +327,11 @@ CASES = {
         lambda to: exported_with(to, memory=False).loop(1),
         lambda to: exported_with(to, memory=True).loop(1).step([[0.0]]),
     ),
+    "a relay of tables that remember": (
+        r"a Relay remembers nothing: solve the problems with Sensing\(..., memory=False\)",
+        lambda to: Relay(Controller(solved(replace(line(), sensing=sdhj.Sensing(0.05, memory=True))))),
+        lambda to: Relay(Controller(solved(replace(line(), sensing=sdhj.Sensing(0.05, memory=False))))),
+    ),
     "no run can start": (
         "so no run can start from it; use",
         lambda to: sdhj.monte_carlo(Controller(solved(parking(1e-6))), 10, progress=False),
@@ -572,6 +578,8 @@ def recorded(dynamics, applied=1.0):
 
 
 def exported_with(folder, memory):
+    if memory and not COMPILER:
+        pytest.skip("there is neither gcc nor clang")
     sensing = sdhj.Sensing(0.05, memory=memory)
     found = solved(replace(line(), sensing=sensing), Certified(cells=(80,)))
     return sdhj.export_c(found, folder, progress=False)

@@ -141,7 +141,7 @@ class Robot(Sets):
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
-        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 60)
+        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 50)
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         lattices = 0
