@@ -27,15 +27,16 @@ SITES_AT_ONCE = 1 << 18
 
 
 def sites_of(
-    problem: ReachAvoidProblem, axes: Sequence[CellAxis], own: FloatArray
+    problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, int, int]]:
-    """Strides: a cell is at the site sum(cell * strides); and the shape of (starts, sites, bytes), where the axes `own`
-    (ndim,) bool are those of a place.
+    """Strides: a cell is at the site sum(cell * strides); and the shape of `GeneralProof.arrives`.
+
+    depends : (ndim,) bool, the axes of a place
     """
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
         return strides, (0, 0, 0)
-    some = own.copy()
+    some = depends.copy()
     some[list(problem.target.axes)] = True
     counts = np.where(some, [axis.count for axis in axes], 1)
     strides[some] = np.cumprod([1, *counts[:0:-1]])[::-1][some]
@@ -85,7 +86,7 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """Where cells of places that move `by` (M,) cells come to along an axis, broadcastable to (M, *free axes)."""
+        """Where cells `own` (M, ndim) that move `by` (M,) cells come to along an axis, broadcastable to (M, *free)."""
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
         if axis in free:

@@ -112,11 +112,11 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
     places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
     if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
-        places = _around(problem, parts, seconds, speeds, cells, rates, lost) or places
+        places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(wishes[place] for place in places)
 
 
-def _around(
+def _by_axes_alone(
     problem: ReachAvoidProblem,
     parts: int,
     seconds: float,

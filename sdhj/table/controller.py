@@ -472,18 +472,8 @@ class Controller:
         (2, True)
         """
         problem, steps = self.problem, self.table.steps
-        most = (steps + 0.5) * problem.delta if self.timed else np.inf
-        k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
+        k, late, missed = self._sampling_time(time)
         last = None if k == 0 else self.last
-        if last is not None and k <= last.step:
-            raise ValueError(
-                f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
-            )
-        late = time - k * problem.delta
-        missed = (
-            abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time)
-            or k != (last.step if last else -1) + 1
-        )
         step, previous = k if self.timed else 0, last.input if last else None
         held = None if previous is None or missed else np.array([previous])
         state = self.predict(finite_array("a measurement", measurement, (problem.grid.ndim,)), previous, step)
@@ -509,6 +499,22 @@ class Controller:
         self.remembered = state, step
         self.last = Action(chosen, k, None if to_go == NOT_ADMISSIBLE else to_go, promised, late, missed)
         return self.last
+
+    def _sampling_time(self, time: float) -> tuple[int, float, bool]:
+        """Which sampling time a time is nearest to, by how much it is later, s, and whether the loop missed its clock.
+
+        ValueError where it is none of the table's, or has been answered.
+        """
+        problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
+        k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
+        last = None if k == 0 else self.last
+        if last is not None and k <= last.step:
+            raise ValueError(
+                f"time must increase: step {last.step} has been answered, and {time:g} s belongs to step {k}"
+            )
+        late = time - k * problem.delta
+        after = last.step if last else -1
+        return k, late, abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time) or k != after + 1
 
     def _in_target(self, state: FloatArray, step: int) -> bool:
         """Whether a state (ndim,) is known to be in the target, clear of the unsafe sets, whatever its cell is."""
