@@ -41,7 +41,7 @@ from sdhj.table.store import (
     free_name,
     load_stored,
     opened_store,
-    require_disk,
+    warn_of_disk,
 )
 
 __all__ = ["StoredTable", "load_stored", "solve_stored"]
@@ -76,7 +76,7 @@ def solve_stored(
             plan = planned(problem, method, room=room_of(memory, client))
         begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:
-            require_disk(path, plan.layout.nbytes)
+            warn_of_disk(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
         def slabs_done(number: int) -> None:  # here the games tell, more often

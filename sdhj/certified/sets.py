@@ -222,7 +222,7 @@ class Certified(Options):
         count = math.prod(axis.count for axis in proof.axes)
 
         def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
-            """The costs of preparing and of one tube, in operations, for these cells."""
+            """What preparing and the recursion cost with these cells, each in a unit of its own: for ratios alone."""
             if isinstance(proof, GeneralProof):
                 return cost(problem, axes, self.parts, speeds)
             # the agent's cells that touch the arm are found a row at a time

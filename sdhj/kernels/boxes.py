@@ -91,7 +91,10 @@ def _turned(out, values, kind, leaves, raised):
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
-    """out[i] = leaf i of values (functions, A, n, B); out (leaves, A, nodes, B). raised: and what was in `out`."""
+    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node.
+
+    values (functions, A, n, B), out (leaves, A, nodes, B). raised: and of what was in `out`.
+    """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1
     each = max(1, SIDE // after) if short else 1  # rows at a time

@@ -122,7 +122,9 @@ class Runs:
         return alive[~reached]
 
     def interval(self, number: int, last: bool) -> None:
-        """End the runs that have reached the target or have no answer, and simulate the others for an interval."""
+        """End the runs that have reached the target at a sampling time; then those without an answer, and simulate the
+        others for an interval. last: no interval follows, so who has no target has succeeded.
+        """
         alive, step = self.under_way(number, last), 0 if self.ever else number
         if last or not alive.size:
             return

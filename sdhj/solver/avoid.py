@@ -55,9 +55,10 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
-    """The tubes of a danger from a step on, (L, *subgrid), which a former solve may have, and the next one may want.
+    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid).
 
-    Inputs under which the set is not unsafe have -inf.
+    inside : where its nodes are on the grid that is played on. former : the solve before, which may have them, and in
+    which they are kept for the next one. Inputs under which the set is not unsafe have -inf.
     """
     found = former.tube(danger, step) if former else None
     if found is None:

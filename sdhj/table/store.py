@@ -529,8 +529,8 @@ def free_name(path: Path) -> None:
         raise FileExistsError(f"{path} exists already; go on with it by resume=True, remove it, or choose another name")
 
 
-def require_disk(path: Path, needed: int) -> None:
-    """Warn where a disk does not hold what is to be written."""
+def warn_of_disk(path: Path, needed: int) -> None:
+    """Warn where the disk of a path's folder has fewer bytes free than are needed; nothing where it cannot be asked."""
     with suppress(OSError):
         if needed > (free := shutil.disk_usage(path.parent).free):
             warnings.warn(

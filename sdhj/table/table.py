@@ -246,7 +246,10 @@ class LookupTable(Table):
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table without the space that was not needed."""
+        """The table when solved: read-only, with these details, without tubes and marks that no entry uses.
+
+        For ever without a target all are kept.
+        """
         stored = int(self.index.max()) + 1
         whole = details.get("endless") and self.problem.has_no_target
         tubes, marks = (self.tubes, self.marks) if whole else (self.tubes[:stored], self.marks[:stored])

@@ -198,7 +198,9 @@ class Robot(Sets):
         return strides, array(arrays, "arrives", np.uint8, starts, math.prod(counts.tolist()), -(-self.count // 8))
 
     def cover(self) -> list[str]:
-        """Faults of the cells: those that move alike are alike, and no wall holds them back on the way."""
+        """Faults of the cells, a line each: do they cover every axis, are layers at walls alone, and are they all alike
+        along an axis on which moves are said not to depend, with no wall on the way?
+        """
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
             length = decimal(upper) - decimal(lower)

@@ -174,7 +174,7 @@ class Arm(Sets):
         return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
-        """Faults of the cells: those of a joint hold a turn, 2 pi."""
+        """Faults of the cells, a line each: do they cover every axis, those of a joint a turn, 2 pi?"""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
         return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
