@@ -18,8 +18,9 @@ from tqdm import tqdm
 from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
+from sdhj.certified.packing import Changes, Packing
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -252,7 +253,7 @@ class GeneralProof(Images):
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
-    def prepare(self, progress: bool | None) -> None:
+    def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, clear and arrives: where each input takes each place, from where it is safe and arrives."""
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
@@ -267,6 +268,7 @@ class GeneralProof(Images):
         self.fill(min(max(finest, 1), FINEST), progress, use)
         self._drawn.append(drawing.lines)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
+        return Packing(self)
 
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
@@ -376,8 +378,7 @@ class GeneralProof(Images):
 
         Without a target S_k^n is what of S_k^{n-1} an input takes into `following`.
         """
-        clear = self.clear[min(step, len(self.clear) - 1)]
-        self.add_predecessors(cells, following, step, changed, clear, 1)
+        prepared.add(cells, following, step, changed, self.clear, 1)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to S_k^1 the cells that a clear input leads into the target itself. In place."""
