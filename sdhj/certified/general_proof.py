@@ -103,6 +103,13 @@ def shapes(
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
 
 
+def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> int:
+    """Into how many pieces a part of an interval is cut; into one where a velocity is the same everywhere."""
+    if problem.dynamics.constant:
+        return 1
+    return min(max(EVALUATED // (math.prod(moves[:-1]) * parts * 2), 1), FINEST)
+
+
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
@@ -114,6 +121,8 @@ def peak(
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
     own = place_axes(problem, axes)
     needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
+    if own[-1]:  # once more, as the recursion asks for them
+        needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
@@ -255,7 +264,6 @@ class GeneralProof(Images):
 
     def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, clear and arrives: where each input takes each place, from where it is safe and arrives."""
-        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
         arrivals = Arrivals(self)
 
@@ -265,7 +273,7 @@ class GeneralProof(Images):
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
 
-        self.fill(min(max(finest, 1), FINEST), progress, use)
+        self.fill(finest(self.problem, self.parts, self.low.shape), progress, use)
         self._drawn.append(drawing.lines)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
