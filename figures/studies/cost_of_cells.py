@@ -1,18 +1,15 @@
 """What the parts of a certified solve take, beside what the model says by which cells are chosen.
 
-`python figures/studies/cost_of_cells.py` solves some robots on one core and prints for each part of the model
-(`sdhj.certified.choosing.costs`) the processor's seconds and those of the model: its constants are seconds on the
-machine where the sums of both agree. It takes some minutes.
+`NUMBA_NUM_THREADS=1 python figures/studies/cost_of_cells.py` solves some robots and prints for each part of the model
+(`sdhj.certified.choosing.costs`) the processor's seconds and those of the model, whose constants are such that the sums
+of both are about the same. With more threads a part's time is not its own. It takes two minutes.
 """
 
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
-
-os.environ["NUMBA_NUM_THREADS"] = "1"  # before the library is imported: so that a part's time is its own
 
 import click
 import fleet
@@ -26,7 +23,7 @@ from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.images import Images
 from sdhj.certified.table import CellSets
 
-PARTS = {
+PARTS: dict[str, list[tuple[Any, str]]] = {
     "intervals": [(Images, "reached")],
     "unsafe sets": [(GeneralProof, "_mark_collisions"), (GeneralProof, "_lattices")],
     "arrivals": [(Arrivals, "add")],
@@ -38,7 +35,8 @@ FEW = 6  # cells of an axis, to compile with
 @contextmanager
 def timed() -> Iterator[Counter[str]]:
     """The seconds that each part takes, of all solves in between."""
-    spent, plain = Counter[str](), [(kind, name, getattr(kind, name)) for some in PARTS.values() for kind, name in some]
+    spent = Counter[str]()
+    plain: list[tuple[Any, str, Any]] = [(*one, getattr(*one)) for some in PARTS.values() for one in some]
 
     def clocked(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """A function that adds what it takes to a part."""
@@ -64,6 +62,7 @@ def timed() -> Iterator[Counter[str]]:
 def crane() -> sdhj.ReachAvoidProblem:
     """A trolley (x, v; m) with a load on a rope of 5 m (angle, its rate; rad) that has to come to rest."""
     degree = np.pi / 180
+    at_rest = [0.3, 0.2, 2 * degree, 0.06]
 
     def drift(q: Any, u: Any) -> Any:
         swing = -9.81 / 5.0 * np.sin(q[:, 2]) - u[0] / 5.0 * np.cos(q[:, 2])
@@ -72,7 +71,7 @@ def crane() -> sdhj.ReachAvoidProblem:
     return sdhj.ReachAvoidProblem(
         sdhj.Grid([-1.0, -1.0, -6 * degree, -0.16], [4.0, 1.0, 6 * degree, 0.16], [33, 15, 19, 17]),
         sdhj.Dynamics([[-0.4], [0.0], [0.4]], drift, [[0.0], [0.0], [0.0], [1.0]], [0.006]),
-        sdhj.TargetSet((0, 1, 2, 3), lambda p, t: np.max(np.abs(p - [3, 0, 0, 0]) / [0.3, 0.2, 2 * degree, 0.06], 1) - 1),
+        sdhj.TargetSet((0, 1, 2, 3), lambda p, t: np.max(np.abs(p - [3, 0, 0, 0]) / at_rest, axis=1) - 1),
         [],
         delta=0.3,
         steps=45,
@@ -98,7 +97,7 @@ ROBOTS: dict[str, tuple[Callable[[], sdhj.ReachAvoidProblem], tuple[int, ...]]] 
 @click.option("--robot", "names", multiple=True, type=click.Choice(list(ROBOTS)), help="All of them by default.")
 def main(names: tuple[str, ...]) -> None:
     """Print seconds of each part: measured, by the model."""
-    total: Counter[str] = Counter()
+    took, said = Counter[str](), Counter[str]()
     for name in names or ROBOTS:
         make, cells = ROBOTS[name]
         problem = make()
@@ -108,10 +107,11 @@ def main(names: tuple[str, ...]) -> None:
             table = sdhj.solve(problem, method, progress=False, play=False)
         model = costs(problem, method.axes(problem), method.parts, speeds_of(problem))
         each = ", ".join(f"{part} {spent[part]:.2f} {model[part]:.2f}" for part in PARTS)
-        total.update({(part, "measured"): spent[part] for part in PARTS} | {(part, "model"): model[part] for part in PARTS})
+        took.update(spent)
+        said.update(model)
         whole = f"{sum(spent.values()):.1f} {sum(model.values()):.1f}"
         click.echo(f"{name} {table.shape}, share {table.fraction():.3f}: {each}; in all {whole}")
-    click.echo(", ".join(f"{part} {total[part, 'measured']:.1f} {total[part, 'model']:.1f}" for part in PARTS))
+    click.echo(", ".join(f"{part} {took[part]:.1f} {said[part]:.1f}" for part in PARTS))
 
 
 if __name__ == "__main__":

@@ -86,7 +86,7 @@ AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.
 ARRIVAL, OPEN = 1.2e-7, 6
 # in the recursion, for a cell of an entry, for its inputs (of many most are done with at once: the root of their
 # number), and for a row of its image
-ENTRY, LED, IMAGE = 8e-9, 8e-9, 7e-10
+ENTRY, LED, IMAGE = 8e-9, 6e-9, 7e-10
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 
