@@ -78,10 +78,10 @@ WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
-# seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
-# an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at unsafe ends; for
-# an operation of a set and a box
-AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 4e-9, 4e-7, 1e-8, 1e-9
+# seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
+# for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
+# unsafe ends; for an operation of a set and a box
+AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
 # for a piece of an image that is judged against the target, so many times as many for each of its axes but one
 ARRIVAL, OPEN = 1.2e-7, 6
 # in the recursion, for a cell of an entry, for its inputs (of many most are done with at once: the root of their
@@ -445,11 +445,13 @@ def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, sp
     depends = place_axes(problem, axes)
     moves, clear = shapes(problem, axes, depends)[1:]
     starts, count, places, ndim = moves
-    pieces = finest(problem, parts, moves) * parts * starts * count
+    each = parts * starts * count
+    calls, pieces = (each * finest(problem, parts, some) for some in ((starts, count, 1, ndim), moves))
     drift = problem.dynamics.drift
     velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
     return {
-        "intervals": pieces * (PIECE + places * (AXIS * ndim + OPERATION * _operations(velocity))),
+        # as many calls as of a single place, so that more cells never cost less
+        "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
         "unsafe sets": _cost_of_sets(problem, axes, depends, starts, clear[0]),
         "arrivals": _cost_of_arrivals(problem, axes, depends),
         "recursion": _cost_of_recursion(problem, axes, depends, speeds),
@@ -501,7 +503,7 @@ def _cost_of_recursion(
         entries *= (problem.most_steps + 1) / 2
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     each = ENTRY + LED * math.sqrt(len(problem.inputs))
-    if depends[packed]:
+    if depends[packed] or problem.grid.has("frees"):
         widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
         image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
         each += IMAGE * float(np.delete(image, packed).prod())

@@ -103,11 +103,11 @@ def shapes(
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
 
 
-def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> int:
-    """Into how many pieces a part of an interval is cut; into one where a velocity is the same everywhere."""
+def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> float:
+    """Into how many pieces a part of an interval may be cut; into one where a velocity is the same everywhere."""
     if problem.dynamics.constant:
-        return 1
-    return min(max(EVALUATED // (math.prod(moves[:-1]) * parts * 2), 1), FINEST)
+        return 1.0
+    return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
 
 
 def peak(
@@ -273,7 +273,7 @@ class GeneralProof(Images):
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
 
-        self.fill(finest(self.problem, self.parts, self.low.shape), progress, use)
+        self.fill(int(finest(self.problem, self.parts, self.low.shape)), progress, use)
         self._drawn.append(drawing.lines)
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
         return Packing(self)
