@@ -213,7 +213,8 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose (x, y, heading) as seen from the frame `other`, a pose too: R(-turned) (x - a, y - b), heading - turned.
+    """The pose (x, y, heading) as seen from the frame `other`, a pose too: R(-turned) (x - a, y - b), heading -
+    turned.
     """
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors

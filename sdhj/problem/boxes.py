@@ -81,7 +81,8 @@ class Maxima(NamedTuple):
 
     @property
     def split(self) -> FloatArray:
-        """The values with the axes before and those behind the one that is left joined: (functions, A, n, B), a view.
+        """The values with the axes before and those behind the one that is left joined: (functions, A, n, B), a
+        view.
         """
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
@@ -112,7 +113,8 @@ class Level(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """A level's intervals as arrays, for the nodes from `begin` to `end` of its axis; limited, dtype: see `intervals`.
+    """A level's intervals as arrays, for the nodes from `begin` to `end` of its axis; limited, dtype: see
+    `intervals`.
     """
     axis, n = level.axis, grid.shape[level.axis]
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)

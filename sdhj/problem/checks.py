@@ -146,7 +146,8 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A copy of states (M, ndim) as float64, every value finite; ValueError, naming it and the first state that is not.
+    """A copy of states (M, ndim) as float64, every value finite; ValueError, naming it and the first state that
+    is not.
     """
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():

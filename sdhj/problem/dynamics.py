@@ -400,7 +400,8 @@ class VectorField:
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some axes, whose velocities read no other coordinate; the others are set to `lower` (ndim,).
+        """The dynamics of some axes, whose velocities read no other coordinate; the others are set to `lower`
+        (ndim,).
         """
         keep = list(axes)
 

@@ -603,7 +603,8 @@ class Interval:
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at their lower ends.
+        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at their lower
+        ends.
         """
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))

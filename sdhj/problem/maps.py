@@ -282,6 +282,7 @@ def require_memory_for_map(width: int, height: int) -> None:
 
 
 def refused(path: Path, what: str, why: Exception | str) -> ValueError:
-    """A ValueError to be raised about a file that is not `what` it should be, and `why`, in one line that is not long.
+    """A ValueError to be raised about a file that is not `what` it should be, and `why`, in one line that is not
+    long.
     """
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

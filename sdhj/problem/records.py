@@ -329,7 +329,8 @@ def _flow(
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:
-        """The velocity at states q, `after` (a number) Runge-Kutta steps behind t, under the inputs and v: (M, ndim).
+        """The velocity at states q, `after` (a number) Runge-Kutta steps behind t, under the inputs and v: (M,
+        ndim).
         """
         now = t + after * float(h[0, 0])
         pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)

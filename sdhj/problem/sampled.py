@@ -271,7 +271,8 @@ class Sampled(Statement):
 
 @dataclass(frozen=True)
 class OnWindow(Sampled):
-    """A problem on a window of its grid. It is not checked when made: its functions have been, on the `whole` problem.
+    """A problem on a window of its grid. It is not checked when made: its functions have been, on the `whole`
+    problem.
     """
 
     whole: Sampled = field(kw_only=True)

@@ -128,7 +128,8 @@ class Statement(Remembering):
         return self._intervals[step]
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
-        """Whether the avoid tubes of an unsafe set differ from step to step: it moves, or the dynamics depend on time.
+        """Whether the avoid tubes of an unsafe set differ from step to step: it moves, or the dynamics depend on
+        time.
         """
         return unsafe_set.moving or self.dynamics.timed
 
@@ -148,7 +149,8 @@ class Statement(Remembering):
 
     @property
     def opaque(self) -> dict[str, str]:
-        """Of each function that is a black box, by its name in `functions`, a phrase: what its author declares of it.
+        """Of each function that is a black box, by its name in `functions`, a phrase: what its author declares of
+        it.
         """
         boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
         fields = ("reads", "slope", "rate", "enclosure")

@@ -139,6 +139,7 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
 
 
 def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
-    """Level-set values (M,) of a set at states (M, ndim) at the first step; the states are not wrapped into the grid.
+    """Level-set values (M,) of a set at states (M, ndim) at the first step; the states are not wrapped into the
+    grid.
     """
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid
