@@ -33,7 +33,7 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace that is under way in this thread."""
+    """The trace that is under way in this thread, with what it has refused."""
 
     trace: int | None = None  # its number: arrays of another trace do not belong in it
     refused: list[tuple[str, str]]  # what, and where
@@ -59,7 +59,9 @@ class NotTraced(ValueError):
     """
 
     def __init__(self, what: str, instead: str = "") -> None:
-        """Say what cannot be traced and what to write instead, and remember it with its place in the user's code."""
+        """Make the message "what; instead", and note it, with its place in the user's code, among what the trace
+        has refused.
+        """
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
             state.refused.append((str(self), _place()))
@@ -72,7 +74,9 @@ def installed(file: str) -> bool:
 
 
 def _place() -> str:
-    """File and line of the user's frame that is at work: the innermost one that is not installed."""
+    """File and line, in words, of the innermost frame at work that is neither this package's nor installed: the
+    user's.
+    """
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
     written = [one for one in ours if one.line]  # not what dataclasses have made of a text
@@ -124,7 +128,9 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
-    """The error for a function that formulas do not know, with what to write instead."""
+    """A `NotTraced` to be raised for a function `module.name` that formulas do not know with these options, with
+    what to write instead (`ADVICE`).
+    """
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
@@ -149,7 +155,7 @@ class Traced(NDArrayOperatorsMixin):
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
-        """An array of these nodes; NotTraced for numbers other than floats, whole numbers and truth values."""
+        """An array of these nodes; NotTraced for a type other than float64, int64 and bool."""
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
@@ -198,7 +204,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __setitem__(self, at: Any, value: Any) -> None:
-        """Write entries, under a mask as a choice between old and new; NotTraced where that is no formula."""
+        """Write entries in place, under a mask as a choice between old and new; NotTraced for an argument of the
+        function, and where values decide otherwise.
+        """
         if not self.entries.flags.writeable:
             raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
         value = written_as(traced_array(value), self.dtype).entries
@@ -247,7 +255,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
-        """As NumPy's; a whole number of a number is refused."""
+        """The array as another type; a copy, or itself where `copy` is False and it is of it. NotTraced for a
+        float as a whole number, and for other types.
+        """
         if not copy and np.dtype(dtype) == self.dtype:
             return self
         return written_as(self, np.dtype(dtype)).copy("K")
@@ -276,12 +286,12 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """A method of arrays that moves entries and computes nothing, by its name."""
+        """What a method `name` of NumPy's arrays returns that moves entries and computes nothing."""
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:
-    """Options without `DEFAULTS`."""
+    """The options that matter: without those that are not given or are `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
@@ -294,14 +304,16 @@ def holds_traced(value: Any) -> bool:
 
 
 def _inside(value: Any) -> Any:
-    """Arguments of a function that moves entries."""
+    """An argument of a function that moves entries: a traced array as its object array of nodes, in lists too;
+    others unchanged.
+    """
     if isinstance(value, list | tuple):
         return type(value)(map(_inside, value)) if holds_traced(value) else value
     return entries_of(value) if isinstance(value, Traced) else value
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """Arrays of nodes, a node, or lists of such, as traced arrays."""
+    """An object array of nodes or numbers, a single one, or lists of such, as traced arrays of a type."""
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
@@ -311,14 +323,16 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
 
 
 def _number(array: Traced) -> Traced:
-    """A traced array; of no dimensions, as NumPy returns numbers, one that cannot be written."""
+    """A traced array itself; if it has no dimensions it is made read-only, in place, as NumPy then returns numbers."""
     if not array.ndim:
         array.entries.setflags(write=False)
     return array
 
 
 def _nodes_of(array: Any) -> Any:
-    """Numbers and nodes (any shape) as nodes; a zero that may be negative as `ZERO_OF_ANY_SIGN`."""
+    """An array of numbers and nodes as an object array of nodes, of its shape; while tracing, a zero that is -0.0
+    as `ZERO_OF_ANY_SIGN`.
+    """
     out = np.empty_like(array, dtype=object, subok=False)
     values = array.ravel().tolist()
     known = state.trace is not None
@@ -329,7 +343,9 @@ def _nodes_of(array: Any) -> Any:
 
 
 def traced_array(value: Any) -> Traced:
-    """A value as a traced array: a traced or plain array, a number, or a list of them."""
+    """A value as a traced array: a traced or plain array, a number, or a list of them. NotTraced for what is left
+    from another trace, and for what is no real numbers.
+    """
     if isinstance(value, Traced):
         if value.trace != state.trace:
             raise NotTraced("an array that was kept from another call", "compute it anew")
@@ -358,12 +374,14 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """An object array of nodes of what a function computes with."""
+    """The entries, an object array of nodes, of a value as `traced_array` takes it."""
     return traced_array(value).entries
 
 
 def weak_type(value: Any) -> Any:
-    """The dtype of an operand; int or float for a Python number, which takes that of other operands."""
+    """What stands for an operand in NumPy's type promotion: its dtype; for a Python int or float, or a traced
+    float of no dimensions, a number, which takes the type of others.
+    """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
     if isinstance(value, list | tuple) and holds_traced(value):
@@ -372,7 +390,7 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype that NumPy gives an answer."""
+    """The dtype of the answer that NumPy's ufunc gives for such inputs."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
@@ -380,7 +398,9 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 
 def written_as(array: Traced, dtype: Any) -> Traced:
-    """An array as what is written into another of some dtype."""
+    """An array as it is when written into one of some dtype; NotTraced for a float as a whole number, and for
+    other types.
+    """
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
@@ -390,7 +410,9 @@ def written_as(array: Traced, dtype: Any) -> Traced:
 
 
 def _put(answer: Traced, out: Any) -> Traced:
-    """An answer written into an array, as by `out=` and +=."""
+    """Write an answer into `out` in place, as by `out=` and +=, and return it; the answer itself for a number of
+    no dimensions. NotTraced for a plain array or another kind of numbers.
+    """
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
     if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
@@ -406,7 +428,9 @@ def _put(answer: Traced, out: Any) -> Traced:
 
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
-    """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
+    """A function of nodes for each entry of object arrays, broadcast: an object array, laid out as a ufunc's
+    answer. NotTraced after `MOST_NODES` entries in one trace.
+    """
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
@@ -415,7 +439,9 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """An answer with `ZERO_OF_ANY_SIGN` in place of its zeros, unless they are surely not negative."""
+    """The answer of a ufunc for these operands, with `ZERO_OF_ANY_SIGN` in place of zeros while a function is
+    traced, unless they are surely not negative.
+    """
     doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
     if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
         return answer
@@ -427,13 +453,15 @@ def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Tr
 
 
 def _true(array: Any) -> Any:
-    """Whether entries are not zero, as NumPy takes numbers for conditions."""
+    """Whether entries are not zero, an object array of truth nodes, as NumPy takes numbers for conditions."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """A ufunc of traced arrays, entry by entry; `dtype` is that of the answer."""
+    """A ufunc of traced arrays, entry by entry, with an answer of `dtype`; NotTraced where it has no rule for
+    these types.
+    """
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
@@ -463,7 +491,7 @@ def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
 
 
 def _with(zeros: str) -> set[Any]:
-    """NumPy's functions whose zeros have such signs, by `Rule.zeros`."""
+    """NumPy's ufuncs in whose `Rule.zeros` this word is."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 
@@ -474,7 +502,7 @@ EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.
 
 
 def _rint(a: Any) -> Any:
-    """The nearest whole number, the even one of two: between floor and ceil, which says so to intervals."""
+    """The nearest whole number, the even one of two; a node between floor and ceil, which says so to intervals."""
     whole = np.floor(a)
     part = a - whole
     nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
@@ -515,13 +543,13 @@ REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.log
 
 
 def _counted(array: Traced) -> Traced:
-    """Truth values as whole numbers, which NumPy's sums are of."""
+    """Truth values as whole numbers, as NumPy sums them; other arrays unchanged."""
     return array.astype(np.int64) if array.dtype == TRUTH else array
 
 
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
-    """A sum or the like along one axis, several, or all."""
+    """A sum or another reduction of a ufunc along `axis`, one or several, or, for None, all; NumPy's options."""
     array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
         array = array.astype(bool)
@@ -537,7 +565,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
-    """The reduction of a ufunc over axes, as NumPy calls it."""
+    """A function (a, axis, keepdims) that reduces by a ufunc, as np.sum is one."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 
@@ -615,7 +643,9 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
 
 @SILENT
 def _summed(function: Any, *args: Any) -> Any:
-    """A product of matrices, or the like: NumPy's own, which adds, subtracts and multiplies entries."""
+    """What a NumPy function of products and sums returns for traced arrays, as np.dot or np.diff; strings, as
+    einsum has, are passed on. NotTraced for truth values.
+    """
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")

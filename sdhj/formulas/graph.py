@@ -36,9 +36,11 @@ class Lookup:
 
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
-        """ValueError where they do not fit each other, or are too many.
+        """A table of values on a grid; ValueError where shapes do not fit, numbers are not finite, or the values take
+        more than `MOST_TABLES` bytes.
 
-        Maps are large: a Lookup shares its values, and a read-only array that owns them is not copied.
+        Maps are large: of a Lookup its values are shared, and a read-only array that owns them is not copied, but
+        others are.
         """
         known = values if isinstance(values, Lookup) else None
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
@@ -66,7 +68,7 @@ class Lookup:
 
 
 def _sealed(values: Any) -> bool:
-    """Whether values are a read-only float64 array of its own memory."""
+    """Whether values are a read-only, C-contiguous float64 array that owns its memory."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
     return fits and values.flags.owndata and not values.flags.writeable
 
@@ -105,7 +107,7 @@ class Node:
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
-    """The node with these parts."""
+    """The one node with these parts: the same object each time, not simplified."""
     key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
     if found is None:
@@ -124,7 +126,9 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
-    """Coordinate ("x") or parameter ("p") number `index`; of which row of points, while a function is traced."""
+    """The node of coordinate ("x") or parameter ("p") number `index`; row: of which point, while a function is
+    traced.
+    """
     return interned(kind, (), (index, row))
 
 
@@ -144,7 +148,9 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """A node, simplified where that changes neither a value nor where it is undefined; by default a constant."""
+    """The node of an operation on nodes, or of the constant `value`, simplified where that changes neither a
+    value nor where it is undefined. value : also the exponent of "power".
+    """
     if not args:
         return constant(value)
     rule = RULES[op]
@@ -158,7 +164,7 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """a to the b, as the cheapest operation that is the same."""
+    """The node of a to the b: as square, root, quotient or whole power where the exponent is a constant that is one."""
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
@@ -173,9 +179,10 @@ def power(a: Node, b: Node) -> Node:
 
 
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
-    """All nodes that some hang on, operands before what is made of them, in an order that the graph alone decides.
+    """All nodes that `outputs` are made of, themselves too, each once, operands before what is made of them, in an
+    order that the graph alone decides.
 
-    Nothing where there are more than `most`, or about as many.
+    Empty where there are more than `most`, or about as many.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
@@ -190,7 +197,9 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
-    """The graph with some nodes replaced (where `replaced` says by what), simplified anew."""
+    """The outputs with some of the nodes that they are made of replaced, and all that hangs on these simplified
+    anew. replaced : a node -> the one in its place, or None.
+    """
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
         put, args = replaced(one), tuple(new[arg] for arg in one.args)
@@ -201,5 +210,5 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
-    """Which coordinates ("x") or parameters ("p") nodes read."""
+    """The indices of the coordinates ("x") or parameters ("p") that nodes read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}

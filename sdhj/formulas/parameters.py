@@ -14,7 +14,8 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a function of the state and then of some that are `known`.
+    """The positional parameters of a function of the state and then of some that are `known`; name : of what it is, for
+    messages.
 
     ValueError, with both readings, where the first has the name of another; and where one of these names can only be
     given as a keyword, which nobody does.

@@ -12,7 +12,7 @@ class Remembering:
 
     @cached_property
     def _remembered(self) -> dict[Any, Any]:
-        """All that was found out, by key."""
+        """The values found, by key; {} at first."""
         return {}
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
@@ -23,5 +23,5 @@ class Remembering:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """All is pickled but what was found out."""
+        """The attributes that are pickled: all but what was found out."""
         return {name: value for name, value in vars(self).items() if name != "_remembered"}

@@ -279,7 +279,7 @@ class ProjectedSets(GridSets):
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
     def _under(self, name: str) -> str:
-        """ " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
+        """The words " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
         part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
