@@ -375,9 +375,7 @@ def _evolved(
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
-        """A grid function as the kernels read it, with ghost nodes, at most `most_on_padding`; an array of no entries
-        for None.
-        """
+        """A grid function with ghost nodes, at most `most_on_padding`, as kernels read it; no entries for None."""
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
@@ -392,8 +390,8 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage from tau = now to then: out = keep out + (1 - keep) (source + dt H), at least the obstacle at
-        `then` and, on a padding, at most `most_on_padding`. In place.
+        """One stage from tau = now to then, in place: out = keep out + (1 - keep) (source + dt H), at least the
+        obstacle.
         """
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
