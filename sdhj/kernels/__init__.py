@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def read_only(value: T) -> T:
-    """An array, or all those in tuples, lists and mappings, made read-only in place.
+    """Make an array, or all those in tuples, lists and mappings, read-only in place; returns what was given.
 
     So is every array that somebody keeps, from the beginning: to compiled code what may not be written has another
     type, and a kernel that is given both is compiled twice.
@@ -26,7 +26,9 @@ def read_only(value: T) -> T:
 
 
 def _refuse(self: Any, *_: Any, **__: Any) -> Any:
-    """TypeError, which says how to write to a copy."""
+    """Raise TypeError, which says how to write to a copy: what every method of `Sealed` and `SealedList` that
+    would write does.
+    """
     kind = "dict" if isinstance(self, dict) else "list"
     raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
 
@@ -41,7 +43,7 @@ class Sealed(dict[str, Any]):
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
-        """It is sealed again when it is unpickled."""
+        """Pickle its entries, so that it is sealed again when it is unpickled."""
         return Sealed, (dict(self),)
 
 
@@ -56,12 +58,14 @@ class SealedList(list[Any]):
     pop = remove = clear = sort = reverse = _refuse
 
     def __reduce__(self) -> Any:
-        """It is sealed again when it is unpickled."""
+        """Pickle its entries, so that it is sealed again when it is unpickled."""
         return SealedList, (list(self),)
 
 
 def unwritable(value: Any) -> Any:
-    """The same, with mappings and lists that cannot be written, at every depth."""
+    """The value with mappings and lists, at every depth, as `Sealed` and `SealedList` copies; anything else is
+    the same object.
+    """
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
@@ -71,7 +75,7 @@ def unwritable(value: Any) -> Any:
 
 
 class kept(cached_property[T]):
-    """A `cached_property` whose arrays, mappings and lists are read-only."""
+    """A `cached_property` whose arrays are made read-only in place, and whose mappings and lists are sealed copies."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
         """The property of a method, whose value is made read-only once it is found."""

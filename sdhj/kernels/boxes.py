@@ -33,14 +33,19 @@ class Leaves(NamedTuple):
 
 @kernel(inline="always")
 def _limited(a, b):
-    """The lesser of two second differences; nothing where their signs differ."""
+    """The limited second difference: that of a and b with the lesser magnitude; 0 where their signs differ."""
     lesser = a if abs(a) < abs(b) else b
     return lesser if a * b > 0 else a - a  # not a * 0: that would be of double precision
 
 
 @kernel(**UNCOUNTED)
 def _end(out, values, taps, weight, start, stop, raised):
-    """The values between two nodes, of which the next ones are m and p; raised: the greater of them and `out`."""
+    """out = the interpolant of the rows start:stop of values (n, B) between two nodes; raised: the greater of it and
+    `out`. In place.
+
+    a + share (b - a) + bend times the limited second difference. taps (4,): the nodes before, left, right and behind;
+    weight (2,): share and bend.
+    """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     share, bend = weight[0], weight[1]
@@ -57,7 +62,9 @@ def _end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` around a node; raised: and of
+    `out`. In place.
+    """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
@@ -68,7 +75,9 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 
 @kernel()
 def _turned(out, values, kind, leaves, raised):
-    """The maximum over intervals of one leaf, for rows (rows, n, B) with few nodes each, side by side."""
+    """out = the maximum over interval `kind` around each node, out (rows, nodes, B) of values (rows, n, B), of
+    few nodes each, done side by side; raised: and of what was in `out`. In place.
+    """
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
     turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)

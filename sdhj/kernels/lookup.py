@@ -32,9 +32,10 @@ from sdhj.kernels.tubes import (
 
 @kernel(**UNCOUNTED)
 def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
-    """The look at the true sets for some rows, by their tapes; False where they are undefined.
+    """Do the look at the true sets for some rows, by their tapes, and undo in `out` what they refute; False where they
+    are undefined.
 
-    table : (shelf, lattice). space : (room, samples, work)
+    table : (stored_tubes, lattice). space : (scratch, samples, work). The others as for `decide`.
     """
     (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
         when,
@@ -60,10 +61,11 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 
 @kernel(**UNCOUNTED)
 def _lead(begin, rows, states, packs, ends, found, work):
-    """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
+    """Write what inputs lead to from states rows[begin:], and the hulls of their boxes; returns how many nodes these
+    may touch at most, -1 where formulas are undefined.
 
-    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; of it what makes hulls; at (R, ndim),
-    overwritten; hulls
+    rows : the states at hand. found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; of it what
+        makes hulls; at (R, ndim), overwritten; hulls (R, 2, ndim).
     """
     (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -88,7 +90,9 @@ def _lead(begin, rows, states, packs, ends, found, work):
 
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
-    """The answers for some states; False where formulas are undefined."""
+    """Write to `out` the answers for the states `rows`; False where formulas are undefined. space : (scratch,
+    samples, work); the others as for `decide`.
+    """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)

@@ -60,13 +60,15 @@ def _larger(a, b):
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
-    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i."""
+    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i: a pair."""
     return c - left[0], right[0] - c
 
 
 @_inlined
 def second_order(c, left, right):
-    """Each difference is corrected by half the smaller of the second differences at its two nodes."""
+    """dx p- and dx p+: the first differences, each corrected by half the smaller of the second differences at its
+    two nodes.
+    """
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
     bend = plus - minus
@@ -75,7 +77,9 @@ def second_order(c, left, right):
 
 @_inlined
 def third_order(c, left, right):
-    """The parabola through the node and two on one side, or one on each, whichever bends less; the smaller cubic."""
+    """dx p- and dx p+: the slope of the parabola through the node and two on one side, or one on each, whichever
+    bends less, corrected by the smaller of two third differences (ENO, Osher & Shu 1991).
+    """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
     minus, plus = c - m1, p1 - c
@@ -93,7 +97,9 @@ def third_order(c, left, right):
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
 @_inlined
 def godunov(minus, plus, low, high):
-    """The exact one: each velocity takes its upwind difference, standing still is allowed where the box holds zero."""
+    """Godunov's: max(low p, high p), each velocity with its upwind difference, and at least 0 where low < 0 <
+    high, as standing still is allowed then.
+    """
     zero = type(low)(0.0)
     best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
     return _larger(best, zero) if (low < zero) & (high > zero) else best
@@ -101,7 +107,7 @@ def godunov(minus, plus, low, high):
 
 @_inlined
 def lax_friedrichs(minus, plus, low, high):
-    """H of the mean difference and just enough dissipation."""
+    """Lax-Friedrichs: H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2, just enough dissipation."""
     half = type(low)(0.5)
     mean = half * (minus + plus)
     return _larger(low * mean, high * mean) + half * _larger(abs(low), abs(high)) * (plus - minus)
@@ -115,9 +121,11 @@ _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 
 @_inlined
 def _axes(rest, near, start, first, velocities):
-    """For each axis where the runs to its left and to its right begin, and its velocities; `rest` has those to come.
+    """A tuple with, for each axis, the begins of the three runs to its left and of the three to its right, and its
+    `_velocity`; `rest` has as many entries as axes are still to come.
 
-    Read before the loop and kept in registers: for all the compiler knows, the loop may write over any array.
+    near : `Layout.near` of the plane; start : where the run begins in it; first : where it begins in the array. Read
+        before the loop and kept in registers: for all the compiler knows, the loop may write over any array.
     """
     if len(rest) == 0:
         return ()
@@ -131,7 +139,9 @@ def _axes(rest, near, start, first, velocities):
 
 @_inlined
 def _velocity(velocities, axis, ndim, first):
-    """The lower and upper velocity of an axis; or, where they depend on the state, where those begin, and 1 / dx."""
+    """The lower and upper velocity of an axis, divided by dx; or, where they depend on the state, where those at
+    the node `first` stand in the box, and 1 / dx.
+    """
     box = velocities[0]
     if len(velocities) == 1:
         return box[axis], box[ndim + axis]
@@ -142,7 +152,9 @@ def _velocity(velocities, axis, ndim, first):
 
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
-    """p-, p+ and the velocities of one axis at node i of a run, where phi is c."""
+    """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi is c; `axis` is its entry
+    of `_axes`.
+    """
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
     return _scaled(*_differences(order, c, left, right), velocity, box, i)
@@ -150,7 +162,9 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """p-, p+ and the velocities of an axis at a node: differences times 1 / dx, unless velocities have it."""
+    """p-, p+ and the lower and upper velocity of an axis at node i: the differences times 1 / dx, unless
+    velocities have it.
+    """
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
     low, high, inverse = velocity
@@ -159,7 +173,9 @@ def _scaled(minus, plus, velocity, box, i):
 
 @_inlined
 def _sum(axes, total, phi, box, scheme, c, i):
-    """`total` and the numerical Hamiltonians of the axes at node i, one after the other."""
+    """`total` plus the numerical Hamiltonians of the axes at node i, one after the other; axes: what is left of
+    `_axes`, scheme: (order, flux).
+    """
     if len(axes) == 0:
         return total
     order, flux = scheme
@@ -169,7 +185,9 @@ def _sum(axes, total, phi, box, scheme, c, i):
 
 @_inlined
 def _dot(rest, total, p, field, at, stride, i):
-    """`total` and the products p * field of the axes at node i; `rest` has those to come, `stride` lies between two."""
+    """`total` plus sum over axes of p[axis, i] field[axis] at node i; `rest` has as many entries as axes are to
+    come, the field's first stands at `at`, the next `stride` on.
+    """
     if len(rest) == 0:
         return total
     total += p[len(p) - len(rest), i] * field[at + i]
@@ -184,9 +202,11 @@ def _kept(keep, old):
 
 @kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
-    """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
+    """One stage at `count` nodes from `here` on, everything in one loop, in place: out = keep out + (1 - keep) (phi +
+    dt H), H the sum of the axes' numerical Hamiltonians; arrays are flat.
 
-    Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
+    step : (dt, keep). Indices are unsigned: the compiler then need not wonder whether they are negative, and
+        vectorises.
     """
     dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
@@ -198,7 +218,9 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
 
 @kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
-    """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
+    """mean = (p- + p+) / 2 along one axis at the nodes from `here` on, and rhs += max(|low|, |high|) (p+ - p-) /
+    2, the Lax-Friedrichs dissipation; both in place.
+    """
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
         i = np.uint64(node)
@@ -216,7 +238,9 @@ def raise_to(out, bound):
 
 @kernel()
 def _raise_to_mode(best, p, axes, drift, gain, first):
-    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on; drift (ndim, nodes) and so on."""
+    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on, in place; drift (ndim,
+    nodes), gain (ndim, D, nodes), or of one plane for all. axes : a tuple of ndim entries.
+    """
     value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
     at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
     for node in range(value.size):
@@ -233,7 +257,9 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
-    """One stage for coupled velocities, loop by loop: there are too many of them for the registers."""
+    """`_advance_box` for coupled velocities, loop by loop: there are too many of them for the registers. H = max
+    over modes of p . drift + sum_d |p . gain_d| of mean differences p, plus dissipation.
+    """
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
     p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
@@ -248,7 +274,9 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
 
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
-    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
+    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and the ghost rows that
+    are copies of these. In place.
+    """
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
         base = row * width
@@ -265,7 +293,7 @@ def _fill_ghosts(plane, layout, begin, end):
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage`: (number of the share, number of shares)."""
+    """One thread's share of `stage` for one input: share (number, how many there are) of the planes and chunks."""
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
@@ -286,7 +314,7 @@ def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
 
 @_inlined
 def _of_input(velocities, j):
-    """The velocities of one input, in the form that it has."""
+    """The velocities of input j alone, a tuple of the form that `stage` takes, without the leading axis."""
     if len(velocities) == 1:
         return (velocities[0][j],)
     if len(velocities) == 2:

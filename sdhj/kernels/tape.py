@@ -55,7 +55,9 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
-    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few blocks."""
+    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few
+    blocks: arrays [least of 4, greatest of 4, least of 16, ...]; [] for a small table.
+    """
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
@@ -180,7 +182,11 @@ def _elementary(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(scratch, i, n, k, count):
-    """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
+    """scratch[k] = scratch[i]^n at `count` points, n a whole number.
+
+    By squares, from the first binary digit of |n| on: at most |n| roundings each count once. NaN for 0 to a negative
+    power.
+    """
     (a, out), digits = (scratch[i], scratch[k]), 0
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
@@ -227,7 +233,9 @@ def _truths(op, scratch, i, j, k, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
-    """Row k of `scratch` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
+    """Row k of `scratch` = operation `op` of rows i and j, and `last` (of `where`), at `count` points; n:
+    exponent of `power`.
+    """
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
     elif op == POWER:
@@ -240,7 +248,10 @@ def _values(op, scratch, i, j, k, n, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
-    """(value at a position, in nodes; how large what it was made of is); corner (64,): overwritten."""
+    """The table's value at a position (axes,), in nodes, by multilinear interpolation, and the largest magnitude
+    at the nodes around it. The table's entries are tables[first:]; lookup: its row of `Tape`; corner (64,):
+    overwritten.
+    """
     axes, most = lookup[0], 0.0
     for c in range(1 << axes):
         index = 0
@@ -260,7 +271,11 @@ def _interpolated(tables, first, lookup, position, corner):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _gridded(lookup, places, tables, scratch, place, out, count, corners):
-    """Multilinear interpolation of a table at `count` points whose coordinates are rows of scratch."""
+    """out[m] = multilinear interpolation of a table, held at its ends, at `count` points; NaN where a coordinate is.
+
+    lookup, places : its rows of `Tape`. The coordinates are the rows place[slot] of scratch. corners : two arrays that
+        are overwritten.
+    """
     position, corner = corners
     for m in range(count):
         fine = True
@@ -273,13 +288,16 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
 
 @kernel(nogil=True)
 def work_for(slots, points):
-    """Room to play tapes with so many slots, so many points at a time: numbers, rows of slots, what look-ups need."""
+    """Room to play tapes with so many slots at so many points at a time: rows of numbers (slots + 1, points),
+    which row each slot is (slots,), and two arrays for look-ups.
+    """
     return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(tape, points, parameters, out, start, stop, work):
-    """`play_part` of (ints, floats, first) where there is room already (`work_for`): compiled code may call it.
+    """`play_part` of a tape (ints, floats, first) with the room `work` (`work_for`), which is overwritten: compiled
+    code may call it. Returns 0 where all values are finite, else NaN.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
@@ -318,7 +336,8 @@ def play_with_scratch(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """`play` of the points from start to stop. Returns 0 where all values are finite.
+    """`play` of the points from start to stop, into those columns of out (K, M). Returns 0 where all values are finite,
+    else NaN.
 
     first : the place of the tape's code among the packed arrays.
     """
@@ -327,7 +346,9 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
-    """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
+    """Write the values of a tape at points (M, C) with parameters (P,) into out (K, M); whether all of them are
+    finite. What is undefined is NaN.
+    """
     ints, floats = tape
     parameters = read_only(parameters)  # as those are that compiled look-ups give
     if len(points) * len(ints) < MANY:
@@ -336,7 +357,9 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
 
 
 def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
-    """Play parts in several threads; a parallel kernel would compile everything once more."""
+    """What part(*arguments, start, stop) returns of parts of 0 to count, each in a thread of its own; a parallel
+    kernel would compile everything once more.
+    """
     threads = get_num_threads()
     ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
@@ -345,7 +368,9 @@ def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
 
 @kernel(nogil=True, error_model="numpy")
 def _magnitudes(scratch, i, k, count):
-    """The interval of |a| at `count` points, from that of a."""
+    """Write the interval of |a| at `count` points to rows 2 k and 2 k + 1 of scratch, from that of a in rows 2 i
+    and 2 i + 1.
+    """
     a, out = scratch[2 * i : 2 * i + 2], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
@@ -353,9 +378,11 @@ def _magnitudes(scratch, i, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _at_ends(op, fact, scratch, i, j, k, n, count):
-    """Row 2 k of `scratch`, and the next: the values at those ends of the operands where they are extreme.
+    """Rows 2 k and 2 k + 1 of `scratch`: the values of an operation at those ends of the operands where it is least and
+    greatest, not rounded outward.
 
-    The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
+    The operands' ends are in rows 2 i and 2 j, and the next; fact: the operation's row of what is known; n: exponent of
+    `power`. The last four rows are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
@@ -376,7 +403,9 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _outward(op, fact, scratch, i, j, k, n, count):
-    """Intervals from the values at the ends, which are overwritten: outward rounding, and what is between the ends."""
+    """Rows 2 k and 2 k + 1 of `scratch` from values at the ends, which are there, to intervals: rounded outward,
+    with what is between the ends, as the extremes of sin. Arguments as in `_at_ends`.
+    """
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
@@ -408,7 +437,9 @@ def _outward(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _direct_bounds(op, scratch, i, j, k, last, count):
-    """Intervals of the operations that do not need `_at_ends`; rows as there."""
+    """Write the intervals of the operations that do not need `_at_ends` to rows 2 k and 2 k + 1 of scratch,
+    rounded outward; rows as there, `last` of `where`'s third operand.
+    """
     a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
     if op == ADD:
@@ -444,7 +475,9 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _around(lookup, tables, first, last, block, at):
-    """Copy the values at the nodes from first to last, on each axis, into a block, one row behind the other."""
+    """Copy a table's values at the nodes first to last (axes,), both included, into a block (nodes,), the last
+    axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
+    """
     at[:], axes, place = first, lookup[0], 0
     while at[0] <= last[0]:
         index = np.int64(0)
@@ -466,7 +499,8 @@ def _around(lookup, tables, first, last, block, at):
 
 @kernel(nogil=True, error_model="numpy")
 def _cut(block, before, count, behind, low, high):
-    """Values at the ends of an interval in place of those at the nodes around it, along one axis of a block.
+    """Values at the ends of an interval in place of those at the first and the last of `count` nodes around it, along
+    one axis of a block (before, count, behind), flat and in place.
 
     The interval begins `low` of a cell behind the first node and ends `high` behind the last but one.
     """
@@ -480,7 +514,9 @@ def _cut(block, before, count, behind, low, high):
 
 @kernel(nogil=True, error_model="numpy")
 def _of_blocks(lookup, tables, first, last):
-    """The least and the greatest value at the nodes from first to last and some beside them: those of few blocks."""
+    """The least and the greatest value of a table at the nodes first to last (axes,) and some beside them: those
+    of few blocks of its `pyramid` that cover them.
+    """
     axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
         size *= lookup[7 + axis]
@@ -504,9 +540,11 @@ def _of_blocks(lookup, tables, first, last):
 
 @kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
-    """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis.
+    """out[0, m], out[1, m] = bounds of a table's interpolant over box m, for `count` boxes; NaN where an end is.
+    Arguments as for `_gridded`, the ends of a coordinate in rows 2 place[slot] and the next.
 
-    Of a box with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
+    The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis. Of a box
+    with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
     """
     axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
     ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
@@ -554,7 +592,7 @@ def _or_nothing(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
-    """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
+    """`play_bounds` of the boxes from start to stop, into those columns of out."""
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)

@@ -37,7 +37,11 @@ def samples_for(states, inputs, count, ndim, sets):
 
 @kernel(**UNCOUNTED)
 def _farthest(ends, column, j, corner, axis, spacing, boxed):
-    """How far segments lead along an axis at the point of their sum that lies farthest towards a corner of the box."""
+    """How far segments lead along an axis, in its unit, at the point of their sum that lies farthest towards a corner
+    of the box; boxed: each of them along this axis alone.
+
+    ends : as for `decide`, of input j, column of the state; corner : a bit for each axis, the first one highest.
+    """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
         towards = 0.0
@@ -50,7 +54,9 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 @kernel(inline="always")
 def _on_axis(x, axis, lattice, faces):
-    """A coordinate, between the faces of a bounded axis and in the period of another."""
+    """A coordinate clipped between the faces of a bounded axis, and moved into the period of a periodic one.
+    faces (6 ndim,): lower and upper faces, lower and upper ends, ...
+    """
     x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
     if lattice.periodic[axis]:
         x = turned(x, faces[2 * lattice.shape.size + axis], faces[3 * lattice.shape.size + axis])
@@ -59,7 +65,9 @@ def _on_axis(x, axis, lattice, faces):
 
 @kernel(**UNCOUNTED)
 def _place_corners(at, state, j, box, lattice, faces, samples):
-    """Write, from `at` on, the corners of the sum of a box and segments (apart: in `place_points` all boxes pay)."""
+    """Write to points[at:] the corners (2^ndim) of the sum of a box and segments of input j around a state, and
+    to past[at:] whether each is behind a safe end (apart: in `place_points` all boxes pay).
+    """
     (ends, column), (points, past), ndim = box, samples, state.size
     boxed = is_held(state, ends, column, j, faces[4 * ndim :])
     for corner in range(1 << ndim):
@@ -74,7 +82,9 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
-    """Write, from `at` on, where planes cut the ways from the middle of a box to its corners, or these."""
+    """Write to points[at:] where planes cut the ways from the middle of the box of input j around a state to its
+    corners, or these, (2^ndim), and to past[at:] whether each is behind a safe end.
+    """
     (ends, column), (points, past), ndim = box, samples, state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
     for corner in range(1 << ndim):
@@ -98,7 +108,12 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, box, normals, lattice, look, samples):
-    """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
+    """Write to points[at:] the points at which the true sets are evaluated for u_j from a state: the state, those on
+    the path without an adversary, and the corners; to past[at:] 1 where one is behind a safe end, from then on along
+    the path, and -1 where the path is past an unsafe one.
+
+    box : (ends, column). look : (times, faces). samples : (points, past), in place.
+    """
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
@@ -127,10 +142,11 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 @kernel(**UNCOUNTED)
 def next_input(known, safe, scores, depth, hazard, first):
-    """The input to look at next; if it has passed already, or has failed, it is the answer.
+    """The number of the input to look at next; if it has passed already, or has failed, it is the answer.
 
-    Of the safe ones that of least score, of equals that of least depth; where none is safe, `first`, the best by the
-    tubes; where that fails, the one for which the larger of depth and hazard is least; where none passes, `first`.
+    Of the safe ones that have not failed that of least score, of equals that of least depth; where none is left,
+    `first`, the best by the tubes; where that has failed, the one that has not for which the larger of depth and hazard
+    is least; else `first`. All arrays (L,); known: `UNKNOWN`, `PASSES` or `FAILS`.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -149,11 +165,12 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 @kernel(nogil=True, **UNCOUNTED)
 def propose(waiting, within, states, rows, packs, ahead, out, samples):
-    """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
+    """Write the input that comes next to best[rows[r]] for each r that waits, and to `samples` the points at which to
+    look for it. Returns how many still wait.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-    no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores, normals) of `decide`, as the others but
-    samples, which is what `samples_for` returns. Returns how many still wait.
+        no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores, normals) of `decide`, as the others
+        but samples, which is what `samples_for` returns.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, ahead
@@ -180,10 +197,12 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def heed_inputs(waiting, rows, count, under, best, samples):
-    """Of sets that are unsafe under some inputs, undo what `samples` say of others, and of the state itself.
+    """Of sets that are unsafe under some inputs, undo in `samples`, in place, what they say of other inputs, and of the
+    state itself.
 
-    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. What such a set
-    says of the state is said of the first point of the path in its place: the input fails, the state is not lost.
+    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. count : points of
+    each that waits. best : the input that is looked at. What such a set says of the state is said of the first point of
+    the path in its place: the input fails, the state is not lost.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
@@ -200,7 +219,8 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def judge(waiting, rows, checks, count, out, samples):
-    """Undo what the values in `samples`, at `count` points each, refute; returns how many wait for another input.
+    """Undo in `out` what the values in `samples`, at `count` points each, refute; note the verdicts; returns how many
+    wait for another input, which are first in the queue.
 
     What is in an unsafe set is not admissible, with `TRUE_SETS_ONLY` just its steps to go say so; what is in no target
     has one step to go, or none any longer. An input that fails is not safe.
@@ -234,9 +254,11 @@ def judge(waiting, rows, checks, count, out, samples):
 
 @kernel(**UNCOUNTED)
 def evaluate(waiting, rows, packs, times, out, samples, work):
-    """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
+    """Play the unsafe sets at the points of all that wait, and the target where it matters, into `samples`; whether all
+    values are finite.
 
-    The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
+    work : see `work_for`; the others as for `propose`. The type of a constant is the constant, and all that is played
+        would be compiled for it anew: hence `np.int64`.
     """
     (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
