@@ -38,7 +38,7 @@ OBSTACLES = (
 
 @dataclass(frozen=True)
 class ArmScene:
-    """The workspace of a case study: the arm and the disks around it, from which the level sets are computed.
+    """The workspace of a case study: the arm and the disks around it, with its level-set functions, in metres.
 
     The obstacles OBS(t) and the target TAR(t), None where the evader is the target, move on given paths. The agent,
     "pursuer" or "evader", is a disk of radius `agent_radius` about (px, py), which stays in [-agent_box, agent_box]^2.
@@ -65,7 +65,9 @@ class ArmScene:
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Clearance of the thick arm to the pursuer's disk in states (M, 4), at any time t; shape (M,), m."""
+        """Signed distance of the thick arm to the pursuer's disk in states (M, 4), at any time t, m, negative
+        where they overlap: (M,).
+        """
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
@@ -234,7 +236,9 @@ def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study, to draw or to measure distances in; ValueError for any other problem."""
+    """The workspace of a case study, to draw or to measure distances in; ValueError for a problem that has no
+    recipe, or not one of this version.
+    """
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))

@@ -52,7 +52,7 @@ class Segment(NamedTuple):
         return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Distance of points (..., 2) from the segments, (...)."""
+        """Distance of points (..., 2) from the segments, broadcast: (...), m."""
         along, left = self.coordinates(points)
         beyond = np.maximum(along - self.length, np.minimum(along, 0.0))  # 0 beside the segment
         return np.hypot(beyond, left)
@@ -94,7 +94,7 @@ class _Path:
 
 @dataclass(frozen=True)
 class Still(_Path):
-    """A point that stays at `centre`."""
+    """The path of a point that stays at `centre`, m."""
 
     centre: tuple[float, float]
     speed = 0.0
@@ -110,7 +110,7 @@ class Still(_Path):
 
 @dataclass(frozen=True)
 class Line(_Path):
-    """A point at `start` + t * `velocity` (m, m/s)."""
+    """The path of a point at `start` + t * `velocity` (m, m/s)."""
 
     start: tuple[float, float]
     velocity: tuple[float, float]
@@ -132,7 +132,9 @@ class Line(_Path):
 
 @dataclass(frozen=True)
 class Circle(_Path):
-    """A point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s, rad)."""
+    """The path of a point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s,
+    rad).
+    """
 
     centre: tuple[float, float]
     radius: float

@@ -84,7 +84,9 @@ def _place() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Let errors of a method become `NotTraced`, so that a user's function that catches them is refused too."""
+    """A method whose errors become `NotTraced`, which notes them: a user's function that catches them is refused
+    too.
+    """
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
@@ -136,17 +138,18 @@ def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTr
 
 
 def _refused(what: str, instead: str) -> Any:
-    """A function that raises `NotTraced` with what was done and what to write instead."""
+    """Make a method that raises `NotTraced` with what was done and what to write instead, whatever it is given."""
 
     def refuse(*_: Any, **__: Any) -> Any:
-        """Raise it."""
+        """Raise `NotTraced(what, instead)`."""
         raise NotTraced(what, instead)
 
     return refuse
 
 
 class Traced(NDArrayOperatorsMixin):
-    """An array of nodes that behaves as NumPy's array of the values would, or refuses.
+    """An array of nodes that behaves as NumPy's array of the values would, or refuses: operations on it make nodes, and
+    what depends on values, as a decision does, raises NotTraced.
 
     Its `entries` are an object array of Node, read-only where NumPy has an argument, or a number that is no array; its
     `dtype` is what NumPy's array has, one of float64, int64 and bool.
@@ -162,7 +165,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
-        """The type of NumPy's that it stands for, so that `isinstance` answers as for that."""
+        """NumPy's type that it stands for, an array or, for a number, a scalar, so that `isinstance` answers as
+        for that.
+        """
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
 
@@ -184,11 +189,11 @@ class Traced(NDArrayOperatorsMixin):
     )
 
     def __repr__(self) -> str:
-        """Its shape: there are no values."""
+        """A text with its shape, as there are no values."""
         return f"<traced array of shape {self.shape}>"
 
     def __len__(self) -> int:
-        """Entries of the first axis."""
+        """The length of the first axis."""
         return len(self.entries)
 
     def __iter__(self) -> Iterator["Traced"]:
@@ -197,7 +202,7 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __getitem__(self, at: Any) -> "Traced":
-        """Some entries; NotTraced where the values decide which."""
+        """The entries at an index, as NumPy has them; NotTraced where values, traced ones, decide which."""
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
@@ -220,7 +225,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """A NumPy function, entry by entry or reduced over an axis, as nodes; NotTraced if it has no rule."""
+        """A ufunc of NumPy, called or reduced, as nodes: entry by entry, written into `out` if given; NotTraced
+        if it has no rule.
+        """
         options = _given(options)
         if not isinstance(ufunc, np.ufunc):
             raise NotTraced("a call of compiled code", UNCOMPILED)
@@ -263,7 +270,7 @@ class Traced(NDArrayOperatorsMixin):
         return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
-        """A copy, to be written without changing this one."""
+        """A copy with entries of its own, in that memory order, that can be written."""
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
@@ -485,7 +492,9 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """The operation for each NumPy function that has one, of numbers or of truth values."""
+    """By NumPy's ufunc, the function that makes the node of its operation: of those of truth values, or of the
+    others.
+    """
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
@@ -570,13 +579,15 @@ def _reducing(ufunc: Any) -> Callable[..., Traced]:
 
 
 def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
-    """sum(a) / n over axes."""
+    """sum(a) / n over axes, one, several or all; NumPy's options."""
     total = _reduced(np.add, a, axis, keepdims)
     return total / (np.float64(traced_array(a).size) / total.size)
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors: the 1-, 2- and maximum norm; `NotTraced` for others."""
+    """numpy.linalg.norm of vectors, along one axis or of all entries: the 1-, 2- and maximum norm; `NotTraced`
+    for others.
+    """
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
@@ -605,7 +616,9 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
-    """numpy.select: the choice of the first condition that holds, else the default."""
+    """numpy.select: the choice of the first condition that holds, else the default; NotTraced for conditions that
+    are numbers.
+    """
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
     kind = np.result_type(*map(weak_type, [*choicelist, default]))
@@ -614,7 +627,9 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """rint(a 10^decimals) / 10^decimals, as NumPy rounds."""
+    """rint(a 10^decimals) / 10^decimals, as NumPy rounds; NotTraced for whole numbers, and for decimals that are
+    traced.
+    """
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
     scale = 10.0 ** abs(decimals)
@@ -622,7 +637,9 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of ascending constants: linear between, constant beyond its ends."""
+    """numpy.interp of a table of ascending constants xp, fp: linear between, constant beyond its ends; NotTraced
+    for others.
+    """
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
@@ -634,7 +651,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    """A traced array of the shape of `a`, filled with a value."""
+    """A traced array of the shape of `a`, filled with a value; dtype: by default that of `a`."""
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]

@@ -115,7 +115,9 @@ def _compared(condition: Node) -> list[Node]:
 
 
 def _meet(compared: Node, branches: Sequence[Node]) -> bool:
-    """Whether two branches are the same formula where both sides of a comparison are equal."""
+    """Whether two branches become one node where one side of a comparison is put in place of the other: they meet
+    where both are equal. False for a condition that is no comparison.
+    """
     if not RULES[compared.op].truth:
         return False
     for old, new in (compared.args, compared.args[::-1]):

@@ -51,7 +51,8 @@ class Formula(Remembering):
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
-        """A level-set function, read: of points (M, coordinates) and of parameters with these names.
+        """A level-set function `function(points (M, coordinates), *names)` read as a formula, or a black box or formula
+        checked; `name` is for messages.
 
         ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
         """
@@ -219,7 +220,7 @@ class Formula(Remembering):
         """
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points clipped to [lower, upper]."""
+            """The formula at points (M, coordinates) clipped to [lower, upper]."""
             return self(np.minimum(np.maximum(points, lower), upper), *given)
 
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
@@ -231,7 +232,7 @@ class Formula(Remembering):
         places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points of those axes alone."""
+            """The formula at points (M, len(axes)) of those axes alone."""
             return self(points[:, places], *given)
 
         return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
@@ -262,7 +263,7 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
-        """The formula as text, from which `restored` makes it again."""
+        """Pickle it as its lines of text and tables, from which `restored` makes it again, without its source."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
@@ -473,7 +474,7 @@ class BlackBox:
         """The black box at points, or for boxes, that are clipped to [lower, upper] first."""
 
         def cut(function: Any, count: int) -> Any:
-            """A function of points, the first `count` arguments, clipped to [lower, upper]."""
+            """`function`, with its first `count` arguments, points or corners, clipped to [lower, upper]."""
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
@@ -517,7 +518,7 @@ class BlackBox:
 
     @property
     def least_of(self) -> "tuple[BlackBox, ...]":
-        """Itself: nobody sees what it is made of."""
+        """The functions whose minimum it is: itself alone, as nobody sees what it is made of."""
         return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
@@ -534,7 +535,9 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
-        """Values (M, *shape) at points (M, n); ValueError where they are no finite numbers of that shape."""
+        """The function's values (M, *shape) at points (M, n) and other arguments; ValueError where they are no
+        finite numbers of that shape, NotTraced within a function that is traced.
+        """
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)

@@ -27,7 +27,7 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 @dataclass(frozen=True)
 class Lookup:
-    """Values at the nodes lower + i * spacing of a grid; two with the same numbers are equal."""
+    """A table: values at the nodes lower + i * spacing of a grid, compared by a digest of the values; made by `of`."""
 
     values: FloatArray = field(compare=False, repr=False)
     lower: tuple[float, ...]
@@ -74,7 +74,9 @@ def _sealed(values: Any) -> bool:
 
 
 class Node:
-    """One operation and its operands; made by `leaf` and `make` alone."""
+    """One operation and its operands, or a leaf: a coordinate, parameter or constant. Equal ones are one object;
+    made by `leaf`, `constant`, `make` and `interned` alone.
+    """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
     op: str  # the name of its rule (`sdhj.formulas.rules`)
@@ -98,7 +100,7 @@ class Node:
     __radd__, __rmul__ = __add__, __mul__
 
     def __bool__(self) -> bool:
-        """TypeError: a node has no value."""
+        """Raise TypeError: a node has no value."""
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
@@ -138,7 +140,7 @@ def constant(value: float) -> Node:
 
 
 def node(value: Any) -> Node:
-    """A number as a constant; a node as it is."""
+    """A number as the node of a constant; a node itself."""
     return value if isinstance(value, Node) else constant(value)
 
 

@@ -97,7 +97,7 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
-    """Whether a node is never negative: an absolute value, a square or the like, or such a constant."""
+    """Whether a node is surely never negative: an absolute value, a square or the like, or a constant >= 0."""
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 

@@ -14,8 +14,8 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a function of the state and then of some that are `known`; name : of what it is, for
-    messages.
+    """The positional parameters of a function, of which `signature` is the signature, of the state and then of some
+    that are `known`; name : of what it is, for messages.
 
     ValueError, with both readings, where the first has the name of another; and where one of these names can only be
     given as a keyword, which nobody does.
@@ -42,9 +42,11 @@ def parameters_of(
 
 
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
-    """Raise ValueError unless a function takes `first`, states or boxes of them, and then `rest`, all by position.
+    """Raise ValueError unless a function takes `first`, states or boxes of them, and then `rest`, all by position; name
+    : of what it is, for the message.
 
-    A parameter that has a known name in the place of another, or a default, was meant to be something else.
+    A parameter that has a known name in the place of another, or a default, was meant to be something else. Compiled
+    functions that do not say what they take are not checked.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

@@ -21,7 +21,8 @@ Make = Callable[..., Any]  # of an operation's name and operands: a node, simpli
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation, f of operands a, b and c.
+    """One operation, f of operands a, b and c, and all that is known of it: its NumPy functions, error, domain,
+    simplification, derivative and text.
 
     Its interval follows from values at ends of the operands, moved outward by their error, where the kernels have no
     rule of its own for it: f rises with an operand, or falls with the first, or does so with absolute values.
@@ -137,36 +138,40 @@ def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a function that is constant between its jumps: 0, and undefined where f is not settled."""
+    """Derivative of a node f that is constant between its jumps: 0, and undefined in boxes where f is not `settled`."""
     return settled(make, f)
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a b)' = a' b + a b'."""
+    """(a b)' = a' b + a b'; a: the two operands, d: their derivatives."""
     if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
         return d[1] * a[0] if d[0] is zero else d[0] * a[1]
     return d[0] * a[1] + a[0] * d[1]
 
 
 def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """Derivative of f = a / b: (a' - f b') / b."""
+    """Derivative of f = a / b: (a' - f b') / b; a: the two operands, d: their derivatives."""
     return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
 
 
 def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'."""
+    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'; f: the power, a: the two operands, d: their derivatives."""
     base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
     return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
 
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0."""
+    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0; a: y and x, d:
+    their derivatives.
+    """
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
     return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole."""
+    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole; a: the two operands, d: their
+    derivatives.
+    """
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + settled(make, laps)
 

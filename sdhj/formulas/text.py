@@ -47,7 +47,8 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results of a text of up to so many coordinates and parameters that looks up `tables`, Lookups or arrays.
+    """The results, nodes, that lines of text stand for, of up to so many coordinates and parameters; `tables`, Lookups
+    or arrays, are those that they look up by number.
 
     ValueError, with the number of the line, where it is not one that `written` writes.
     """
@@ -58,7 +59,7 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
     @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
-        """The table of a number, as a `Lookup`."""
+        """The table with this number, as a `Lookup`; made once."""
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
 
@@ -137,7 +138,7 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether two values of nodes, numbers or tables, differ by rounding at most."""
+    """Whether two values of nodes, numbers or tables, differ by at most `CLOSE` of them."""
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)

@@ -66,7 +66,9 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
-        """numpy.empty and its like: traced where the shape has the number of points in it."""
+        """NumPy's zeros, ones, empty or full of a shape, with its options: traced where the shape has the number
+        of points in it, or an argument is traced.
+        """
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
@@ -98,7 +100,7 @@ class _Joining:
         self.original, self.columns = original, original is np.c_
 
     def __getitem__(self, at: Any) -> Any:
-        """The arrays between the brackets joined, traced if one of them is."""
+        """The arrays between the brackets joined: traced if one of them is, else as the original joins them."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
     @noted
@@ -111,18 +113,18 @@ class _Joining:
 
 
 class _Replaced:
-    """The module numpy, or something in it, with other functions in some places."""
+    """Stands for the module numpy, or something in it: some attributes are replaced, all else is the original's."""
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
         """Stand for a module or function, the original, whose attributes `new` are replaced."""
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
-        """An attribute of the original."""
+        """The attribute of that name of the original."""
         return getattr(vars(self)["_original"], name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """The original, called."""
+        """Call the original."""
         return vars(self)["_original"](*args, **options)
 
 

@@ -34,10 +34,10 @@ def _refuse(self: Any, *_: Any, **__: Any) -> Any:
 
 
 class Sealed(dict[str, Any]):
-    """A mapping that cannot be written, nor the mappings and lists in it; `dict(it)` is a copy that can."""
+    """A dict that cannot be written, nor the mappings and lists in it, TypeError; `dict(it)` is a copy that can."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        """A copy of a mapping, sealed at every depth."""
+        """A copy of a mapping, sealed at every depth (`unwritable`)."""
         super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
@@ -48,10 +48,10 @@ class Sealed(dict[str, Any]):
 
 
 class SealedList(list[Any]):
-    """A list that cannot be written, nor the mappings and lists in it; `list(it)` is a copy that can."""
+    """A list that cannot be written, nor the mappings and lists in it, TypeError; `list(it)` is a copy that can."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        """A copy of a list, sealed at every depth."""
+        """A copy of a list, sealed at every depth (`unwritable`)."""
         super().__init__(map(unwritable, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
@@ -78,10 +78,10 @@ class kept(cached_property[T]):
     """A `cached_property` whose arrays are made read-only in place, and whose mappings and lists are sealed copies."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
-        """The property of a method, whose value is made read-only once it is found."""
+        """Make the property of a method, whose value is made read-only once it is found."""
 
         def found(self: Any) -> Any:
-            """The value, made read-only."""
+            """The method's value, made read-only."""
             return unwritable(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

@@ -100,9 +100,10 @@ def _turned(out, values, kind, leaves, raised):
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
-    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node.
+    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node, parent and
+    which those of `leaves`.
 
-    values (functions, A, n, B), out (leaves, A, nodes, B). raised: and of what was in `out`.
+    values (functions, A, n, B), out (leaves, A, nodes, B), in place. raised: and of what was in `out`.
     """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1

@@ -109,7 +109,9 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
 
 
 class Kernel(CPUDispatcher):
-    """A function that Python calls; compiled code that names it calls `within`, the same function compiled for that."""
+    """A dispatcher of Numba that Python calls; compiled code that names it calls `within`, the same function
+    compiled for that.
+    """
 
     within: Any = None  # of a copy in another process
 
@@ -120,7 +122,9 @@ class Kernel(CPUDispatcher):
 
 
 class Whole(Compiler):
-    """Compiles a function that Python calls: what it calls is `Linked` with it, and the whole is optimised."""
+    """Numba's compiler for a function that Python calls: what it calls is `Linked` with it, and the whole is
+    optimised once.
+    """
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function and all that it calls as one library, optimised as a whole; returns Numba's result."""
@@ -153,7 +157,7 @@ class Linked(JITCodeLibrary):
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
-        """Finish the whole library; of a part, only what linking it needs."""
+        """Finish the library if it is the `whole` one; of a part, do only what linking it needs."""
         if self.whole:
             super()._finalize_final_module()
         else:
@@ -187,7 +191,9 @@ class MachineCode:
     """
 
     def __init__(self, files: Any, source: str) -> None:
-        """The files of a kernel, in place of those that Numba would use, stamped with the sources that it rests on."""
+        """The files of a kernel whose source file is `source`, in place of the `files` of Numba's cache, with a
+        stamp of the sources that it rests on.
+        """
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
         known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
         stamp = known or (files._source_stamp, sorted(sources().values()))
@@ -230,13 +236,14 @@ class MachineCode:
         _clear(path.parent)
 
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """A dispatcher's `compile`, for which other processes wait: they then find what it kept.
+        """The function `compile_it`, a dispatcher's `compile`, but other processes wait while it compiles a signature,
+        and then find what it kept.
 
         Locks are taken in the order in which functions call one another, so no two processes wait for each other.
         """
 
         def compiled(signature: Any) -> Any:
-            """The code for a signature; other processes and threads wait meanwhile."""
+            """Compile a signature, or read its code; other processes and threads wait meanwhile."""
             path = self._path(signature).with_suffix(".lock")
             with global_compiler_lock, _locked(path):  # Numba's keeps other threads out
                 return compile_it(signature)
@@ -284,7 +291,7 @@ def _cache_is_optional() -> Iterator[None]:
 
 @cache
 def _say_uncached(why: str) -> None:
-    """Warn, once for each process, that compiled code is not kept on disk."""
+    """Warn that compiled code is not kept on disk, and `why`; only the first time in a process."""
     if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
         warnings.warn(
             f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
@@ -306,11 +313,13 @@ class Shared:
     looked, free = -GLANCE, (1, 1)  # when `free_cores` has looked last, and what it has found then and before
 
     def __init__(self, dispatcher: Any, least: int = 0) -> None:
-        """A parallel kernel, of which arrays of fewer than `least` entries are worth one thread only."""
+        """Share the loops of a compiled `dispatcher` out, unless none of its arrays has `least` entries: then one
+        thread runs it.
+        """
         self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
-        """An attribute of the compiled function."""
+        """The attribute of that name of the compiled function."""
         if name.startswith("__"):  # which copies ask of one that is still empty
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
@@ -369,7 +378,8 @@ if hasattr(os, "register_at_fork"):
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as `kernel`.
+    """A decorator that compiles a function into each compiled one that calls it, anew for all types of arguments;
+    options as `kernel`.
 
     It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
     compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
@@ -378,7 +388,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The function, inlined into every kernel that calls it."""
+        """The function itself, which kernels that call it inline from now on."""
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
@@ -407,7 +417,9 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
 
 
 def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
-    """The number of a table's entry as `chosen` takes it: a tuple of as many zeros."""
+    """The number of the entry `name` of a table, as `chosen` takes it: a tuple of as many zeros. ValueError if
+    there is none.
+    """
     return (0,) * list(table).index(name)
 
 
@@ -469,19 +481,21 @@ def _clear(folder: Path) -> None:
 
 
 class _Announcer(Listener):
-    """Says `LINE` when the first kernel of this package is compiled, not when it is read from the cache."""
+    """A listener to Numba's compiling that says `LINE` when the first kernel of this package is compiled; one
+    that is read from the cache is not.
+    """
 
     said = False
 
     def on_start(self, event: Any) -> None:
-        """Say, once, that kernels are being compiled."""
+        """Write `LINE` to standard error, once, if what is compiled is of this package."""
         kernel = event.data["dispatcher"].py_func
         if not self.said and kernel.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 
     def on_end(self, event: Any) -> None:
-        """Nothing: the event's interface asks for it."""
+        """Do nothing: the interface of listeners asks for it."""
         pass
 
 

@@ -123,7 +123,7 @@ def _exp(x, low):
 
 @_inlined
 def exp(x):
-    """e^x."""
+    """e^x; 0 far below 0, infinity where it overflows."""
     return _exp(x, 0.0)
 
 
@@ -225,7 +225,7 @@ def _artan(p, q):
 
 @_inlined
 def arctan(x):
-    """arctan(x), odd: that of |x| as a sum of two doubles, with the sign of x."""
+    """arctan(x) in [-pi/2, pi/2]: that of |x| as the sum of two floats, with the sign of x."""
     high, low = _artan(abs(x), 1.0)
     value = high + low
     return -value if x < 0.0 else value
@@ -256,7 +256,7 @@ def tanh(x):
 
 @_inlined
 def _arc(z):
-    """(arcsin(s) - s) / s for z = s^2 <= 1/4."""
+    """(arcsin(s) - s) / s for z = s^2 <= 1/4, by fdlibm's rational function."""
     p = 2.01212532134862925881e-01 + z * (
         -4.00555345006794114027e-02 + z * (7.91534994289814532176e-04 + z * 3.47933107596021167570e-05)
     )

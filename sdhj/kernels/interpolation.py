@@ -112,7 +112,9 @@ def weighted(values, row, index, weight, count):
 
 @kernel(parallel=True)
 def interpolate(values, points, lattice):
-    """Interpolate grid `values` (1, size) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
+    """Multilinear interpolation of grid `values` (1, size), flat, at `points` (M, ndim): (M,) float64; `OUTSIDE`
+    off the grid.
+    """
     count, ndim = points.shape
     out = np.empty(count)
     chunk = 1024  # one pair of scratch rows for each chunk of points

@@ -41,14 +41,14 @@ class Cells(NamedTuple):
 
 
 def to_words(bits: FloatArray) -> FloatArray:
-    """Bool (..., n) as uint64 (..., ceil(n / 64)), the first bit lowest."""
+    """Bool (..., n) as packed uint64 (..., ceil(n / 64)), bit b of a word the b-th of its 64 values, 0 behind the n."""
     padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
     padded[..., : bits.shape[-1]] = bits
     return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
 
 
 def to_bits(blocks: FloatArray, count: int) -> FloatArray:
-    """Blocks (R, W) as bool (R, count)."""
+    """Packed blocks (R, W) uint64 as bool (R, count): their first `count` bits."""
     return np.unpackbits(blocks.view(np.uint8), axis=1, count=count, bitorder="little").view(np.bool_)
 
 

@@ -196,7 +196,7 @@ def _dot(rest, total, p, field, at, stride, i):
 
 @_inlined
 def _kept(keep, old):
-    """keep * old, and 0 where nothing is kept: what was there need not even be a number."""
+    """keep * old, and 0 where keep is 0: what was there need not even be a number."""
     return keep * (old if keep > 0 else keep)
 
 
@@ -231,7 +231,7 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
 
 @kernel(**UNCOUNTED)
 def raise_to(out, bound):
-    """out = max(out, bound), element by element."""
+    """out[i] = max(out[i], bound[i]), in place; (n,) each."""
     for i in range(out.size):
         out[i] = _larger(out[i], bound[i])
 

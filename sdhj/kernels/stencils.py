@@ -58,7 +58,9 @@ class Boxes(NamedTuple):
 
 @kernel(inline="always")
 def cell_of(number, counts, cell):
-    """Write the cell whose flat number, last axis fastest, is `number`."""
+    """Write to cell (ndim,) the indices of the cell whose flat number, last axis fastest, is `number`; counts
+    (ndim,).
+    """
     for back in range(counts.size):
         axis = counts.size - 1 - back
         cell[axis] = number % counts[axis]
@@ -212,7 +214,9 @@ def runs_of_ones(block, begin, length):
 
 @kernel(inline="always")
 def runs(block, begin, length):
-    """`runs_of_ones` of any length; all ones where it is 0 or less."""
+    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are all set, of any
+    length; all ones where that is 0 or less.
+    """
     out = ~np.uint64(0)
     for at in range(0, length, 64):
         out &= runs_of_ones(block, begin + at, min(length - at, 64))

@@ -68,7 +68,8 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 
 
 def packed(*arrays: Packable) -> Tape:
-    """Arrays one behind the other, in one of whole numbers and one of others: Python hands over few arrays sooner.
+    """Arrays one behind the other, as a `Tape`: those of whole numbers in `ints`, those of floats in `floats`,
+    read-only; Python hands over few arrays sooner.
 
     Where the k-th begins and ends stands before the whole numbers; `part` finds it. One that is a list is of its arrays
     together, which are copied once: maps are large.
@@ -86,25 +87,27 @@ def packed(*arrays: Packable) -> Tape:
 
 @kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
-    """The k-th of packed arrays, as one row; array: those of its sort."""
+    """The k-th of packed arrays (`packed`), a flat view; array: `ints` or `floats`, in which it lies."""
     return array[ints[2 * k] : ints[2 * k + 1]]
 
 
 @kernel(**UNCOUNTED)
 def length(ints, k):
-    """How many numbers the k-th of packed arrays has."""
+    """How many numbers the k-th of packed arrays has; ints: the packed whole numbers."""
     return ints[2 * k + 1] - ints[2 * k]
 
 
 @kernel(**UNCOUNTED)
 def slots_of(ints, first):
-    """How many slots the tape has whose code is the `first` of packed arrays; 0 where there is no tape."""
+    """How many slots the tape has whose code is number `first` of the packed arrays; 0 where there is no tape."""
     return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for sums, products, extremes and the like."""
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR; scratch
+    (rows, points), op by its number. NaN where a divisor is 0.
+    """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
         for m in range(count):
@@ -140,7 +143,9 @@ def _arithmetic(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for elementary functions."""
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD; scratch
+    (rows, points), op by its number.
+    """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
         for m in range(count):
@@ -206,7 +211,9 @@ def _power(scratch, i, n, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, scratch, i, j, k, last, count):
-    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points: comparisons, signs and choices."""
+    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to
+    WHERE, truth values being 1 and 0; scratch (rows, points), op by its number.
+    """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
         for m in range(count):
@@ -583,7 +590,9 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _or_nothing(scratch, i, j, k, count):
-    """Both ends of a result NaN where one is not finite or an operand is NaN; rows as in `_at_ends`."""
+    """Make both ends of intervals in rows 2 k and 2 k + 1 of scratch NaN where one is not finite or an operand is
+    NaN; rows as in `_at_ends`.
+    """
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])  # obligation 7.28
@@ -635,11 +644,11 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
 def play_bounds(
     tape: Tape, facts: FloatArray, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray
 ) -> None:
-    """Intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P), into out (2, K, M).
+    """Write intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P) to out (2, K, M),
+    rounded outward.
 
-    facts (operations, COLUMNS): what is known of each operation.
-
-    Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
+    facts (operations, COLUMNS): what is known of each operation. Both ends are finite, or both are NaN: then the tape
+    may be undefined somewhere in the box.
     """
     arguments = (tuple(tape), facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:

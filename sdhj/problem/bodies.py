@@ -40,7 +40,9 @@ MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
-    """A convex body, or all that is beyond a line: no corners, and one edge."""
+    """A convex body, or all that is beyond a line (then it has no corners, and one edge), with outward normals n
+    of its edges, n . q <= offset within.
+    """
 
     corners: FloatArray  # (K, 2)
     normals: FloatArray  # (E, 2), of the edges, outward

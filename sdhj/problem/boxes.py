@@ -128,8 +128,10 @@ def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end
 def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
     """How to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
 
-    corners : (count, ndim, 2) float64. The axes with the fewest different intervals go first. Returns for runs of boxes
-    the first and the levels: runs of eights, so long that no more than `most` functions stand before the last level.
+    corners : the bytes of the boxes' lower and upper ends, (count, ndim, 2) float64. most : functions that may stand at
+        a time. Returns, for each run of successive boxes, the number of its first and its levels. The axes with the
+        fewest different intervals go first; runs are of eights, so long that no more than `most` functions stand before
+        the last level.
     """
     spans = np.frombuffer(corners).reshape(count, -1, 2)
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
@@ -182,7 +184,9 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """Operations (`sdhj.problem.cost`) of `maxima`: a node of a leaf looks at four others, and at those between."""
+    """Operations (`sdhj.problem.cost`) of `maxima` over the boxes with corners low, high (L, ndim): a node of a
+    leaf looks at four others, and at those between.
+    """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:
@@ -195,7 +199,9 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j: see `maxima`."""
+    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim):
+    (*shape), or the `wanted` nodes. See `maxima`, whose arguments these are.
+    """
     for some in maxima(grid, values, low, high, interpolation, wanted):
         for begin in range(0, some.number, EIGHT):
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)

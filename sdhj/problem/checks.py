@@ -31,7 +31,7 @@ class Options:
 
 
 def options_of(kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass of options that can be given, by name."""
+    """The fields of a dataclass of options that can be given when it is made, by name."""
     return {one.name: one for one in fields(kind) if one.init}
 
 
@@ -77,7 +77,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value` as two finite floats; ValueError naming it otherwise."""
+    """`value` as two finite floats, both greater than `above`; ValueError naming it otherwise."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape
@@ -157,7 +157,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def sealed(array: Any) -> Any:
-    """A read-only view of an array; anything else unchanged."""
+    """A read-only view of an array, which itself stays as it is; anything else is returned unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()
         array.setflags(write=False)
@@ -190,7 +190,9 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int; ValueError naming the set if they are not whole numbers."""
+    """The axes of a set, a sequence of whole numbers, as a tuple of int; ValueError, with the set's `name`, for
+    anything else. Whether the grid has them is not checked.
+    """
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")

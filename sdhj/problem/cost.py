@@ -73,7 +73,9 @@ class Meter:
     """
 
     def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
-        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations."""
+        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations;
+        see the class.
+        """
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
@@ -126,7 +128,9 @@ class Meter:
             self.bar.update(more)
 
     def tube(self) -> None:
-        """All that was counted so far is done, and the next tube begins."""
+        """Move the bar to the end of all that was counted so far, and let the next tube begin; without a cost it
+        shows tubes.
+        """
         if self.bar is None:  # of sets that state nothing
             self.begin(None, True)
         self.tick(self.until - self.at)

@@ -272,14 +272,16 @@ class VectorField:
     def made(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
-        """`Formula.traced` of a function, made once for each key, which begins with the formula's name."""
+        """`Formula.traced` of a function of so many coordinates and parameters, made once for each key, whose
+        first entry is the formula's name.
+        """
         if key not in self._derived:
             self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
         return self._derived[key]
 
     @property
     def parts(self) -> list[Any]:
-        """Drift, gain and bounds, as far as there are any."""
+        """Drift, gain and bounds, formulas or black boxes, those that there are, in a list."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
@@ -303,7 +305,7 @@ class VectorField:
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state."""
+        """Whether velocities do not depend on the state, under any input."""
         return not self.reads.any()
 
     @cached_property
@@ -376,7 +378,7 @@ class VectorField:
 
     @property
     def is_cut(self) -> bool:
-        """Whether the number of pieces matters: a component that does not enter linearly moves several axes."""
+        """Whether `pieces` matters: v does not enter linearly, and a component of it moves several axes."""
         return self.gain is None and bool((self._moved.sum(axis=1) > 1).any())
 
     @cached_property
@@ -418,7 +420,7 @@ class VectorField:
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
             def of_some(points: Any, *given: Any) -> Any:
-                """The components `keep` of the function at points on these axes."""
+                """The components `keep` of the function at points (M, len(keep)) on these axes."""
                 return function(full(points), *given).take(keep, axis)
 
             if part is None or isinstance(part, Formula):

@@ -61,7 +61,9 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """A cause for a warning, how much of it, in the unit that it names, and what helps; `str()` is the sentence."""
+    """Something to be warned of: the cause, how much of it, in the unit that the cause names, what helps, and as
+    which kind of warning; `str()` is the sentence. `tell` warns.
+    """
 
     cause: str
     number: float

@@ -123,7 +123,9 @@ class Grid:
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values, as float64."""
+        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values as float64, and
+        room for one piece.
+        """
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     @cached_property
@@ -174,7 +176,9 @@ class Grid:
         return points.reshape(self.size, self.ndim)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
+        """The `Window` of shape[axis] consecutive nodes of each axis, from the node first[axis] on, around
+        periodic axes; the grid itself for all of its nodes.
+        """
         return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
 
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
@@ -255,17 +259,17 @@ class Grid:
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        """The subgrids that have been made, by their axes."""
+        """The subgrids that have been made, by the tuple of their axes."""
         return {}
 
     @cached_property
     def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
-        """The answers of `ends_where`, by fates."""
+        """The answers that `ends_where` has given, by fates."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-        """The answers of `faces`, by fates."""
+        """The answers that `faces` has given, by fates."""
         return {}
 
     @property
@@ -275,7 +279,7 @@ class Grid:
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index of the nodes that are not part of the `padding`."""
+        """Index, a slice for each axis, of the nodes that are not part of the `padding`."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -319,7 +323,9 @@ class Grid:
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper); also while traced."""
+        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper), a new array; also
+        traced points. The points themselves where no axis is periodic.
+        """
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
@@ -365,7 +371,7 @@ class Grid:
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid in the form that compiled code takes."""
+        """The grid as compiled code takes it: see `Lattice`."""
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
@@ -382,7 +388,9 @@ class Grid:
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and upper ends with these fates, both (ndim,); -inf and +inf for other ends."""
+        """Coordinates of the lower and upper ends with one of these fates, both (ndim,); -inf and +inf for other
+        ends. A padding lies beyond them.
+        """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
@@ -391,7 +399,7 @@ class Grid:
         return cache[fates]
 
     def has(self, fate: Fate) -> bool:
-        """Whether some axis has an end with this fate."""
+        """Whether some bounded axis has an end with this fate."""
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
@@ -406,7 +414,7 @@ class Grid:
 
     @cached_property
     def walled(self) -> "Grid":
-        """The same nodes with walls at all ends."""
+        """The same nodes with walls at all ends; made once."""
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
@@ -533,21 +541,25 @@ class Window(Grid):
         return self.whole.nodes(axis)[self.places(axis)]
 
     def continued(self, by: Sequence[int]) -> Grid:
-        """The window with so many more nodes on both sides of each axis, see `Grid.continued`."""
+        """The window with by[axis] more nodes on both sides of each axis, as a window of `Grid.continued` of the
+        whole grid.
+        """
         shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
         return self.whole.continued(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of the whole axis's length that each of the window's nodes represents."""
+        """Share of the whole axis's length that each of the window's nodes represents, (shape[axis],)."""
         return self.whole.shares(axis)[self.places(axis)]
 
     def _subgrid(self, axes: Sequence[int]) -> Grid:
-        """The window of some axes in the subgrid of the whole grid."""
+        """The window of some axes, in the order given, in the subgrid of the whole grid: see `subgrid`."""
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
     @kept
     def arrays(self) -> Lattice:
-        """The window in the form that compiled code takes, see `Grid.arrays`."""
+        """The window as compiled code takes it: the whole grid's `Lattice`, with the first node and the extent of
+        the window.
+        """
         first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
         return self.whole.arrays._replace(first=first, extent=extent)

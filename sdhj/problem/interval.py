@@ -135,7 +135,9 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 class Interval:
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
-    Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
+    Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end (`ahead`,
+    `reachable_boxes`), and has the velocity sets of the games (`velocities`, `displacement_boxes`). States may have any
+    coordinates on periodic axes.
     """
 
     grid: Grid
@@ -165,7 +167,9 @@ class Interval:
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain times v's box for each state (M, ndim) under its input (M,): (M, ndim, D)."""
+        """The gain for each state (M, ndim) under its input, indices (M,), at time t: (M, ndim, D); see
+        `VectorField.gain_at`.
+        """
         points = self.grid.wrapped(states)
         if self.dynamics.alike:
             return self.dynamics.gain_at(points, 0, t)
@@ -434,7 +438,7 @@ class Interval:
 
     @kept
     def _always(self) -> FloatArray:
-        """`extremes` where they do not depend on time."""
+        """`extremes` where they do not depend on time, found once."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
@@ -540,7 +544,7 @@ class Interval:
         return replace(self, grid=grid, whole=self)
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
+        """The smallest set of axes, ascending, that holds `axes` and whose velocities depend on no other coordinate."""
         found = set(axes)
         while grown := {int(k) for i in found for k in np.flatnonzero(self.dynamics.reads[i])} - found:
             found |= grown

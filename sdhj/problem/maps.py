@@ -214,9 +214,11 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def netpbm(data: bytes) -> bytes:
-    """A PGM, PPM or PBM file, its header without comments; ValueError where it is not as long as that says.
+    """The bytes of a PGM, PPM or PBM file, its header rewritten without comments; ValueError where it has no such
+    header, or is not as long as that says.
 
-    Such a file has no checksum: where something has changed its line ends, the picture is shifted.
+    Such a file has no checksum: where something has changed its line ends, the picture is shifted. MemoryError where
+    the picture does not fit.
     """
     found = HEADER.match(data, 0, MOST_TEXT)
     if not found:

@@ -14,7 +14,9 @@ GROUPS = {
 
 
 def available() -> tuple[int, str] | None:
-    """Bytes that this process can still allocate and the source of that limit; None if the system reports neither."""
+    """Bytes that this process can still allocate, and words that say which limit that is, the least of machine,
+    process and control groups; None if the system reports none.
+    """
     return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 

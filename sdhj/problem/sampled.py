@@ -23,7 +23,9 @@ PADDING = 4  # nodes past a safe end on the grid of the games: the widest stenci
 
 @dataclass(frozen=True)
 class Sampled(Statement):
-    """A problem whose functions are sampled: at the nodes of its grid, of a window of it, or of the games' grid."""
+    """A problem whose functions are sampled: at the nodes of its grid, of a window of it (`on`), or of the games'
+    grid (`padded`); and asked at any state, without interpolation.
+    """
 
     @cached_property
     def padded(self) -> Self:
@@ -161,7 +163,9 @@ class Sampled(Statement):
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:
-        """Level-set function of the target, in a shape that broadcasts to the grid's; -inf where there is none."""
+        """Level-set function of the target at time t at the nodes, in a shape that broadcasts to the grid's; -inf
+        where there is none. On small grids a static one is sampled once.
+        """
         grid, target = self.grid, self.target
         if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)

@@ -54,7 +54,7 @@ class Statement(Remembering):
 
     @property
     def all_sets(self) -> tuple[TargetSet | UnsafeSet, ...]:
-        """The target, where there is one, and the unsafe sets."""
+        """The target, where there is one, and then the unsafe sets."""
         return *(() if self.has_no_target else (self.target,)), *self.unsafe
 
     @property
@@ -186,7 +186,9 @@ class Statement(Remembering):
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Everything that a table depends on beside functions, as it stands in the head of a file."""
+        """Everything that a table depends on beside functions, plain numbers, lists and text, as it stands in the
+        head of a file: delta, steps, view_time, grid, inputs, sensing and sets.
+        """
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})

@@ -174,7 +174,9 @@ class Former:
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
-        """Find out what the two problems have in common."""
+        """Find out what the two problems have in common: whether they are `alike`, have the same target, and
+        whether entries can be taken over (`has_rows`).
+        """
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)

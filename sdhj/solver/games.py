@@ -71,10 +71,14 @@ class Games(Protocol):
         """PDEs that have been solved so far."""
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """For each input j the level-set function of RA_k^j({values <= 0}), without the unsafe sets: (j, *shape)."""
+        """Yield for each input j (j, the level-set function (*shape) of the reach set of {values <= 0} over the
+        interval from a step), without the unsafe sets (Definition 2).
+        """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the level-set function of an unsafe set's avoid tube from a step on: (L, *subgrid)."""
+        """For each input the level-set function of an unsafe set's avoid tube over the interval from a step: (L,
+        *subgrid of problem.avoid_axes).
+        """
 
 
 class Pieces(NamedTuple):
@@ -94,7 +98,7 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Number of inputs."""
+        """Number of inputs that these are the reach sets of."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
@@ -107,7 +111,9 @@ class Pieces(NamedTuple):
 
 
 def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """Back-project functions on subspaces, (L, *subgrid) each, and unite their sets: the minimum, (L, *grid.shape)."""
+    """The minimum of functions on subspaces, (L, *subgrid) each, back-projected: the union of their sets on the
+    grid, a new array (L, *grid.shape). axes : of each subspace.
+    """
     out = np.empty((len(pieces[0]), *grid.shape), pieces[0].dtype)
     for j, total in enumerate(out):
         first, *others = (grid.lift(piece[j], keep) for piece, keep in zip(pieces, axes, strict=True))
@@ -192,7 +198,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        """The games of a problem's intervals, on all axes or on some."""
+        """The games of a problem's intervals, on all axes (None) or on some; counted, wanted: see the class."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -221,7 +227,9 @@ class _OnAxes:
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
+        """Yield (j, Phi_j (*shape, or the wanted nodes)) for every input: the level-set function at the begin of
+        the interval from `step`, where `values` is that of the set to be in at its end.
+        """
         for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
                 yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
@@ -247,14 +255,16 @@ class _OnAxes:
         return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, a part of the tube of u_j), on the subgrid of obstacle.axes: the tube is the maximum of its
-        parts.
+        """Yield (j, a part of the tube of u_j) over the interval from `step`, on the subgrid of obstacle.axes,
+        the wanted nodes alone: the tube is the maximum of its parts.
         """
         raise NotImplementedError
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences."""
+    """Games 1 to 3 of App. A.3 by finite differences: reach sets, in the moving frame where that applies, and
+    avoid tubes, by the Hopf-Lax formula where that does.
+    """
 
     joint = False
 
@@ -287,14 +297,16 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift: it is constant, and a wall does no more than end the shift.
+        """Whether the drift can be solved by a shift: the scheme allows it, velocities are constant, and a wall does no
+        more than end the shift.
 
-        A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
-        it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
-        Elsewhere a state that has slid along the wall and left it again is displaced otherwise. Without a target, where
-        sets shrink away from unsafe ends step by step, differences are kept: tables for ever were judged with them. On
-        a line they are no better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly,
-        0.057 by shifts.
+        False for an axis with a drift if it has an unsafe end and there is no target; or if it has a wall, and a
+        component of v that moves several axes moves it too, and v may there outdo the drift. A wall stops the state,
+        and what comes of the whole interval is what would come without the wall, moved back to it at the end: where the
+        disturbance moves that axis on its own, and where the state never turns back there. Elsewhere a state that has
+        slid along the wall and left it again is displaced otherwise. Without a target, where sets shrink away from
+        unsafe ends step by step, differences are kept: tables for ever were judged with them. On a line they are no
+        better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly, 0.057 by shifts.
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
@@ -322,7 +334,9 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
+        """Whether reach sets are computed in the moving frame: it applies, and intervals may not end early, as
+        they then have many shifts.
+        """
         return self.moving_frame and not self.early
 
     @cached_property
@@ -484,7 +498,9 @@ class HJIGames(_OnAxes):
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes, by the Hopf-Lax formula where it applies, else by differences."""
+        """The avoid tubes over the interval from `step`, (L, *subgrid of obstacle.axes), by the Hopf-Lax formula
+        where it applies (`by_formula`), else by differences.
+        """
         if not self.by_formula(obstacle.axes):
             return super().tubes(obstacle, step)
         return self.formula.tubes(obstacle, step)
@@ -510,8 +526,8 @@ class HJIGames(_OnAxes):
             yield j, tube[self.wanted_on(obstacle.axes)]
 
     def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function as a function of tau, the time left in the interval from `step`, solved in `steps`
-        time steps.
+        """The obstacle function (*subgrid) as a function of tau, s, the time left in the interval from `step`,
+        which is solved in `steps` time steps; its values are kept.
         """
         t0, t1 = self.problem.span(step)
 
@@ -588,7 +604,9 @@ class JointGames(HJIGames):
 
     @property
     def shifted(self) -> bool:
-        """Whether the moving frame is used: never with unsafe sets, which would move with each input."""
+        """Whether the moving frame is used: where `HJIGames` uses it, but never with unsafe sets, which would
+        move with each input.
+        """
         return super().shifted and not self.problem.unsafe
 
     def grouped_reach_sets(
@@ -607,7 +625,7 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """-g of the union of some unsafe sets at tau: the maximum, on the whole grid."""
+            """-g of the union of the unsafe sets with these numbers at tau: the maximum, on the whole grid (*shape)."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
@@ -742,7 +760,9 @@ class HopfLaxGames(_OnAxes):
         return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
-        """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""
+        """Into how many pieces a share of the interval is cut so that in each the state moves at most a quarter
+        of a cell along any of some axes; at least 1.
+        """
         return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))
 
 

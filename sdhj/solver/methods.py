@@ -19,14 +19,14 @@ from sdhj.solver.schemes import DTYPES, Scheme
 
 
 class Method(Protocol):
-    """The interface of a method for `solve`."""
+    """The interface of a method for `solve`: a name, and sets that `recursion` fills in."""
 
     @property
     def name(self) -> str:
-        """By which tables and files name it."""
+        """The name by which tables and files call it."""
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
-        """The empty sets of a problem, which `recursion` fills in."""
+        """The empty sets of a problem, which `recursion` fills in; progress: as for `solve`."""
 
 
 @dataclass(frozen=True)

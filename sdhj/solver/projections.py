@@ -101,7 +101,7 @@ class ProjectedGames:
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games on subspaces, each played by `inner(axes)`."""
+        """Games of a problem on subspaces, axes that are kept, each played by `inner(axes)`."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -111,7 +111,7 @@ class ProjectedGames:
 
     @property
     def solved(self) -> int:
-        """PDEs so far, on all subspaces."""
+        """Number of PDEs solved so far, on all subspaces."""
         return sum(games.solved for games in self._games.values())
 
     @property
@@ -228,7 +228,9 @@ class ProjectedGames:
 
 
 class ProjectedSets(GridSets):
-    """`GridSets` whose table says how much the projections lose."""
+    """`GridSets` of method "projected": its table says how much the projections lose, which is found at the
+    beginning and warned of where it is all.
+    """
 
     games: ProjectedGames
 

@@ -197,7 +197,9 @@ class InputRows:
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        """Join as many trailing axes to rows as the avoid tubes allow."""
+        """Join as many trailing axes of the grid to rows as the avoid tubes allow, up to half of the axes or
+        `LONG` nodes.
+        """
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -409,18 +411,20 @@ def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatAr
 
 
 class GridMethod(Protocol):
-    """A method that plays its games on the grid; `options` are for the details of the table, "dtype" for its arrays."""
+    """A method that plays its games on the grid, as `GridSets` takes it; `options` are for the details of the
+    table, "dtype" for its arrays.
+    """
 
     @property
     def name(self) -> str:
-        """By which tables and files name it."""
+        """The name by which tables and files call it."""
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Its options, by name."""
+        """Its options, plain values by name."""
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games of one interval of a problem."""
+        """The games of one interval of a problem, on its whole grid."""
 
 
 class Slabs(NamedTuple):
@@ -457,7 +461,9 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Check memory, state the cost, and compute the avoid tubes."""
+        """Check memory, state the cost, warn of what the grid does not resolve (all where it is not cut), and
+        compute the avoid tubes.
+        """
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
@@ -539,7 +545,7 @@ class GridSets:
         return found
 
     def goal(self, step: int) -> None:
-        """Write the entry (step, 0): S_k^N = L minus G."""
+        """Write the entry (step, 0), S_k^N = L minus G, on all slabs."""
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
     def extend(self, step: int, within: int) -> None:

@@ -35,8 +35,12 @@ ABRUPT = 0.25  # of the change between two nodes: a level-set function that is f
 
 
 def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> None:
-    """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
-    what is no function of angles (`check_seams`). Sets on more nodes than `most` are not sampled."""
+    """Warn of unsafe sets that hide between nodes, are too thin or flat inside, of level-set functions that jump at the
+    set's boundary, and of what `check_seams` finds: of each set once, at `TIMES` times if it moves.
+
+    Sets on more nodes than `most`, and those with sampling="cell", are not looked at. What was found of a formula is
+    kept with it.
+    """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:

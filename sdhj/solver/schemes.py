@@ -451,10 +451,11 @@ def _integrate(
     steps: int,
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Phi after some steps of `STAGES`, from `phi`, which may be written over as `work` is, and which of them is free.
+    """Phi after `steps` time steps of dt with these `STAGES`, and an array that is free: phi and work are both written
+    over.
 
     euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
-        result being that at `then`.
+    result being that at `then`.
     """
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):

@@ -17,10 +17,10 @@ from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 
 class Disks(NamedTuple):
-    """Moving disks during the intervals of all steps, at most 64.
+    """Moving disks during the intervals of all steps, at most 64; m, s.
 
     delta, depth : length of an interval, and how often it is halved at most; both 0 for an instant
-    centres (2^(depth + 1) + 1, steps, disks, 2) : each interval cut evenly
+    centres (2^(depth + 1) + 1, steps, disks, 2) : at evenly spaced instants of each interval, both ends among them
     radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed
     """
 
@@ -34,7 +34,8 @@ class Disks(NamedTuple):
 class ArmMotion(NamedTuple):
     """The images of cells of an arm and a pursuer over one interval, for `arm_inputs`.
 
-    first, number (4, L, n) : cells that cover the image of each cell of each axis, padded to one length
+    first, number (4, L, n) : of each axis, input and cell, the first and the number of the cells that cover its image,
+    padded to one length
     moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts
     allowed (steps, L, n1, n2) : `cells_clear`
     arm (3,) : see `link_points`

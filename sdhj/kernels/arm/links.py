@@ -24,7 +24,9 @@ LINKS = 2
 
 
 class Agent(NamedTuple):
-    """How an interval's pursuer moves, and its cells: where the first begins, how wide one is, how many there are."""
+    """How an interval's pursuer moves, and its cells: where the first begins, how wide one is, how many there
+    are; m, s.
+    """
 
     delta: float  # length of the interval; 0 for an instant
     speed: float  # the greatest on each axis
@@ -53,7 +55,7 @@ class LinkScratch(NamedTuple):
 
 @kernel(forceinline=True)
 def allocate_scratch():
-    """Scratch arrays for one thread."""
+    """A new `LinkScratch`, to be used by one thread."""
     return LinkScratch(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
 
 
