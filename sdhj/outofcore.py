@@ -31,7 +31,7 @@ from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
-from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
+from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, in_slabs, reach_halo, slab_window, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
 from sdhj.table.store import (
     STORE_FORMAT,
@@ -195,14 +195,14 @@ def task_bytes(plan: Plan) -> int:
     reaching, middle = plan.make(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
     windows, tubes = [plan.window(middle)[0]], 0
     if isinstance(reaching, HJIGames) and reaching.shifted:
-        windows[0] = windows[0].continued(reaching.around[1])
+        windows[0] = windows[0].continued(reaching.moving_grid[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in layout.runs(kind, 0))
         for game in games:
             grid = game.danger.problem.grid
             if game.axis is not None:
                 first, end = layout.span(middle)
-                grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+                grid, _ = slab_window(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.unsafe_set)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
     differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept

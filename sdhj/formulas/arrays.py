@@ -64,7 +64,7 @@ class NotTraced(ValueError):
         """
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
-            state.refused.append((str(self), _place()))
+            state.refused.append((str(self), _users_line()))
 
 
 @functools.cache
@@ -73,7 +73,7 @@ def installed(file: str) -> bool:
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
 
-def _place() -> str:
+def _users_line() -> str:
     """File and line, in words, of the innermost frame at work that is neither this package's nor installed: the
     user's.
     """
@@ -228,7 +228,7 @@ class Traced(NDArrayOperatorsMixin):
         """A ufunc of NumPy, called or reduced, as nodes: entry by entry, written into `out` if given; NotTraced
         if it has no rule.
         """
-        options = _given(options)
+        options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
             raise NotTraced("a call of compiled code", UNCOMPILED)
         if method == "reduce" and ufunc in REDUCED and out is None:
@@ -244,21 +244,23 @@ class Traced(NDArrayOperatorsMixin):
         if method == "outer":
             arrays[0] = arrays[0].reshape(*arrays[0].shape, *[1] * arrays[1].ndim)
         answer = _computed(ufunc, arrays, _type_of(ufunc, inputs))
-        return _number(answer) if out is None or out[0] is None else _put(answer, out[0])
+        return _sealed_number(answer) if out is None or out[0] is None else _written_into(answer, out[0])
 
     @noted
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         """Any other NumPy function, by `FUNCTIONS` or as one that moves entries; NotTraced if it is neither."""
         if function in FUNCTIONS:
             try:
-                return FUNCTIONS[function](*args, **(options := _given(options)))
+                return FUNCTIONS[function](*args, **(options := _without_defaults(options)))
             except TypeError as error:
                 raise _unknown(function.__name__, options) from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
             raise _unknown(function.__name__, options, function.__module__)
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
-        return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
+        return _wrapped(
+            function(*map(_with_entries, args), **{name: _with_entries(one) for name, one in options.items()}), kind
+        )
 
     @noted
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
@@ -297,7 +299,7 @@ class Traced(NDArrayOperatorsMixin):
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
-def _given(options: dict[str, Any]) -> dict[str, Any]:
+def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
     """The options that matter: without those that are not given or are `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
@@ -310,12 +312,12 @@ def holds_traced(value: Any) -> bool:
     return isinstance(value, Traced)
 
 
-def _inside(value: Any) -> Any:
+def _with_entries(value: Any) -> Any:
     """An argument of a function that moves entries: a traced array as its object array of nodes, in lists too;
     others unchanged.
     """
     if isinstance(value, list | tuple):
-        return type(value)(map(_inside, value)) if holds_traced(value) else value
+        return type(value)(map(_with_entries, value)) if holds_traced(value) else value
     return entries_of(value) if isinstance(value, Traced) else value
 
 
@@ -326,10 +328,10 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
     if isinstance(answer, np.ndarray):
         nodes = answer.dtype == object and all(isinstance(one, Node) for one in answer.flat)
         return Traced(answer if nodes else _nodes_of(answer), dtype)
-    return _number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
+    return _sealed_number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
 
 
-def _number(array: Traced) -> Traced:
+def _sealed_number(array: Traced) -> Traced:
     """A traced array itself; if it has no dimensions it is made read-only, in place, as NumPy then returns numbers."""
     if not array.ndim:
         array.entries.setflags(write=False)
@@ -411,19 +413,19 @@ def written_as(array: Traced, dtype: Any) -> Traced:
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
-        return Traced(_true(array), TRUTH)
+        return Traced(_truths(array), TRUTH)
     instead = "np.floor or np.trunc makes a number whole" if dtype == WHOLE else "formulas compute with float64"
     raise NotTraced(f"a conversion of {array.dtype} to {dtype}", instead)
 
 
-def _put(answer: Traced, out: Any) -> Traced:
+def _written_into(answer: Traced, out: Any) -> Traced:
     """Write an answer into `out` in place, as by `out=` and +=, and return it; the answer itself for a number of
     no dimensions. NotTraced for a plain array or another kind of numbers.
     """
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
     if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
-        return _number(answer)
+        return _sealed_number(answer)
     if not np.can_cast(answer.dtype, out.dtype, "same_kind"):
         raise NotTraced(f"writing numbers of type {answer.dtype} into an array of {out.dtype}")
     out[...] = answer
@@ -459,7 +461,7 @@ def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Tr
     return Traced(entries, FLOAT)
 
 
-def _true(array: Any) -> Any:
+def _truths(array: Any) -> Any:
     """Whether entries are not zero, an object array of truth nodes, as NumPy takes numbers for conditions."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
@@ -474,7 +476,7 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
     if ufunc is np.matmul:
         return _summed(np.matmul, *arrays)
     if dtype == TRUTH and ufunc in LOGICAL:
-        return Traced(mapped(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
+        return Traced(mapped(LOGICAL[ufunc], *map(_truths, arrays)), TRUTH)
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
@@ -499,14 +501,14 @@ def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
-def _with(zeros: str) -> set[Any]:
+def _ufuncs_with_zeros(zeros: str) -> set[Any]:
     """NumPy's ufuncs in whose `Rule.zeros` this word is."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 
 OPERATIONS = _read_as(False) | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
 LOGICAL = _read_as(True)
-UNSIGNED, CHOSEN = _with("positive"), _with("chosen")
+UNSIGNED, CHOSEN = _ufuncs_with_zeros("positive"), _ufuncs_with_zeros("chosen")
 EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.whole}
 
 
@@ -570,7 +572,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
-    return _number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
+    return _sealed_number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
@@ -602,7 +604,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
     """numpy.where with two branches; `NotTraced` for a condition alone."""
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
-    entries = mapped(narrowing.where, _true(condition), *map(entries_of, branches))
+    entries = mapped(narrowing.where, _truths(condition), *map(entries_of, branches))
     return Traced(entries, np.result_type(*map(weak_type, branches)))
 
 
@@ -667,7 +669,7 @@ def _summed(function: Any, *args: Any) -> Any:
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
     answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
-    return _number(_with_zeros_of_any_sign(function, answer))
+    return _sealed_number(_with_zeros_of_any_sign(function, answer))
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

@@ -30,7 +30,7 @@ def _joined(value: Any) -> Any:
     return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
-def _listing(original: Any) -> Callable[..., Any]:
+def _taking_lists(original: Any) -> Callable[..., Any]:
     """A NumPy function, `original`, as one that also takes lists with traced arrays in them."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
@@ -47,7 +47,7 @@ def _contiguous(value: Any, dtype: Any = None) -> Traced:
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
-def _making(original: Any, ours: Any) -> Callable[..., Any]:
+def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
     """A function that makes arrays: `ours` where the first argument holds something traced, else NumPy's `original`."""
     known = noted(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
@@ -58,7 +58,7 @@ def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
-def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
+def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
     """NumPy's zeros, ones, empty or full (`name`), but, in the trace of this number, traced, so that it can be
     written, where a length is the number of points, `rows`, or an argument is traced.
     """
@@ -132,13 +132,13 @@ def _numpy(rows: int) -> _Replaced:
     """The stand-in for the module numpy while a function is traced with so many rows."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
-    new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
-    new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
+    new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
+    new |= {name: _allocating(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _repeating(getattr(np, name), rows, state.trace) for name in ("tile", "repeat", "broadcast_to")}
     new |= {name: _Joining(getattr(np, name)) for name in ("c_", "r_")}
-    new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
-    new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
-    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)})})
+    new |= {name: _making_arrays(getattr(np, name), ours) for name, ours in makers.items()}
+    new |= {one.__name__: _Replaced(one, {"reduce": _taking_lists(one.reduce)}) for one in REDUCED}
+    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _taking_lists(np.linalg.norm)})})
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
@@ -151,13 +151,13 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users()]
+    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users_modules()]
 
 
 _looked: list[Any] = [[], []]  # through which modules; and what was in those of the user
 
 
-def _users() -> list[dict[str, Any]]:
+def _users_modules() -> list[dict[str, Any]]:
     """The globals of the user's modules; they are sought again only where a module has come or gone, as that
     takes longer than a trace.
     """
@@ -250,7 +250,7 @@ def traced(
     found, places = list[list[Node]](), _places(function)
     try:
         for count in (rows, rows + 1) if again else (rows,):
-            answer = _answer(name, function, count, arguments, places)
+            answer = _traced_answer(name, function, count, arguments, places)
             alone = answer.ndim == 1 if shape is None else bool(shape) and answer.shape == tuple(shape)
             if per_point and alone and not leaves(answer.flat, "x"):  # one value for all points
                 answer = np.broadcast_to(answer, (count, *answer.shape))
@@ -294,7 +294,7 @@ def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
     return True
 
 
-def _answer(
+def _traced_answer(
     name: str,
     function: Callable[..., Any],
     rows: int,

@@ -39,7 +39,7 @@ def _limited(a, b):
 
 
 @kernel(**UNCOUNTED)
-def _end(out, values, taps, weight, start, stop, raised):
+def _interpolate_end(out, values, taps, weight, start, stop, raised):
     """out = the interpolant of the rows start:stop of values (n, B) between two nodes; raised: the greater of it and
     `out`. In place.
 
@@ -66,15 +66,17 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
     `out`. In place.
     """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
-    _end(out, values, taps[0], weight[0], start, stop, raised)
+    _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
-        _end(out, values, taps[1], weight[1], start, stop, np.bool_(True))  # True is a type of its own to Numba
+        _interpolate_end(
+            out, values, taps[1], weight[1], start, stop, np.bool_(True)
+        )  # True is a type of its own to Numba
         for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
             raise_to(out, values[other % values.shape[0], start:stop])
 
 
 @kernel()
-def _turned(out, values, kind, leaves, raised):
+def _maximum_of_short_rows(out, values, kind, leaves, raised):
     """out = the maximum over interval `kind` around each node, out (rows, nodes, B) of values (rows, n, B), of
     few nodes each, done side by side; raised: and of what was in `out`. In place.
     """
@@ -114,7 +116,7 @@ def maximum_of_intervals(values, leaves, raised, out):
         leaf, a = group // groups, group % groups * each
         kind, parent = leaves.which[leaf], leaves.parent[leaf]
         if short:
-            _turned(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
+            _maximum_of_short_rows(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
         else:
             start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
             for node in range(nodes):

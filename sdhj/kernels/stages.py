@@ -120,7 +120,7 @@ _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 
 
 @_inlined
-def _axes(rest, near, start, first, velocities):
+def _runs_of_axes(rest, near, start, first, velocities):
     """A tuple with, for each axis, the begins of the three runs to its left and of the three to its right, and its
     `_velocity`; `rest` has as many entries as axes are still to come.
 
@@ -134,7 +134,7 @@ def _axes(rest, near, start, first, velocities):
     left = np.uint64(at[0] + start), np.uint64(at[1] + start), np.uint64(at[2] + start)
     right = np.uint64(at[3] + start), np.uint64(at[4] + start), np.uint64(at[5] + start)
     this = left, right, _velocity(velocities, axis, len(near), first)
-    return (this, *_axes(rest[1:], near, start, first, velocities))
+    return (this, *_runs_of_axes(rest[1:], near, start, first, velocities))
 
 
 @_inlined
@@ -153,7 +153,7 @@ def _velocity(velocities, axis, ndim, first):
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
     """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi is c; `axis` is its entry
-    of `_axes`.
+    of `_runs_of_axes`.
     """
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
@@ -172,15 +172,15 @@ def _scaled(minus, plus, velocity, box, i):
 
 
 @_inlined
-def _sum(axes, total, phi, box, scheme, c, i):
+def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
     """`total` plus the numerical Hamiltonians of the axes at node i, one after the other; axes: what is left of
-    `_axes`, scheme: (order, flux).
+    `_runs_of_axes`, scheme: (order, flux).
     """
     if len(axes) == 0:
         return total
     order, flux = scheme
     total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
-    return _sum(axes[1:], total, phi, box, scheme, c, i)
+    return _sum_hamiltonians(axes[1:], total, phi, box, scheme, c, i)
 
 
 @_inlined
@@ -213,7 +213,9 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
+        out[here + i] = _kept(keep, out[here + i]) + rest * (
+            c + dt * _sum_hamiltonians(axes, zero, phi, box, scheme, c, i)
+        )
 
 
 @kernel(**UNCOUNTED)
@@ -292,7 +294,7 @@ def _fill_ghosts(plane, layout, begin, end):
 
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
-def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
+def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
     """One thread's share of `stage` for one input: share (number, how many there are) of the planes and chunks."""
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
@@ -302,7 +304,7 @@ def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
-        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
+        axes = _runs_of_axes(phi.shape, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
             _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
         else:
@@ -343,4 +345,4 @@ def stage(phi, out, obstacle, velocities, order, flux, layout, step):
     blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)
+        _stage_share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)

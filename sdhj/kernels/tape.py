@@ -481,7 +481,7 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _around(lookup, tables, first, last, block, at):
+def _copy_nodes(lookup, tables, first, last, block, at):
     """Copy a table's values at the nodes first to last (axes,), both included, into a block (nodes,), the last
     axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
     """
@@ -505,7 +505,7 @@ def _around(lookup, tables, first, last, block, at):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _cut(block, before, count, behind, low, high):
+def _interpolate_ends(block, before, count, behind, low, high):
     """Values at the ends of an interval in place of those at the first and the last of `count` nodes around it, along
     one axis of a block (before, count, behind), flat and in place.
 
@@ -520,7 +520,7 @@ def _cut(block, before, count, behind, low, high):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _of_blocks(lookup, tables, first, last):
+def _extremes_of_blocks(lookup, tables, first, last):
     """The least and the greatest value of a table at the nodes first to last (axes,) and some beside them: those
     of few blocks of its `pyramid` that cover them.
     """
@@ -569,17 +569,19 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
             total *= last[axis] - first[axis] + 1
         least, greatest = INF if fine else NAN, -INF
         if fine and total > MOST_NODES[axes]:
-            least, greatest = _of_blocks(lookup, tables, first, last)
+            least, greatest = _extremes_of_blocks(lookup, tables, first, last)
         largest = max(abs(least), abs(greatest)) if total > MOST_NODES[axes] else 0.0
         if fine and total <= MOST_NODES[axes]:
-            _around(lookup, tables, first, last, block, at)
+            _copy_nodes(lookup, tables, first, last, block, at)
             for k in range(total):
                 largest = max(largest, abs(block[k]))
             before, behind = np.int64(1), total
             for axis in range(axes):
                 nodes = last[axis] - first[axis] + 1
                 behind //= nodes
-                _cut(block, before, nodes, behind, ends[0, axis] - first[axis], ends[1, axis] - last[axis] + 1.0)
+                _interpolate_ends(
+                    block, before, nodes, behind, ends[0, axis] - first[axis], ends[1, axis] - last[axis] + 1.0
+                )
                 before *= nodes
             for k in range(total):
                 least, greatest = lesser(block[k], least), larger(block[k], greatest)
@@ -589,7 +591,7 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _or_nothing(scratch, i, j, k, count):
+def _undefined_to_nan(scratch, i, j, k, count):
     """Make both ends of intervals in rows 2 k and 2 k + 1 of scratch NaN where one is not finite or an operand is
     NaN; rows as in `_at_ends`.
     """
@@ -633,7 +635,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
                     _outward(op, fact, scratch, i, j, spare, int(value[k]), count)
             if op < ADD or op == WHERE:
                 i, j = spare, spare
-            _or_nothing(scratch, i, j, spare, count)
+            _undefined_to_nan(scratch, i, j, spare, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             row = 2 * place[outputs[i]]

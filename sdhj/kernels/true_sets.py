@@ -20,13 +20,14 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """Room for the look at the true sets: for R states `count` points of each that waits, one behind the other.
+    """New arrays for the look at the true sets, a tuple: for R states, `count` points of each that waits, one behind
+    the other.
 
     queue (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
     the interval. verdicts, hazard (R, L): `UNKNOWN`, `PASSES` or `FAILS`, and avoid tube, of the inputs. points (R
-    count, ndim + 1), the time last; past
-    (R count,): 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one; level
-    (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
+    count, ndim + 1), the time last; past (R count,): 1 where nothing matters any longer, behind a safe end, -1 where
+    the path is past an unsafe one; level (sets, R count) and there (1, R count): the values of the unsafe sets and, at
+    state and corners, of the target; there is 0 at first.
     """
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
@@ -53,7 +54,7 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 
 @kernel(inline="always")
-def _on_axis(x, axis, lattice, faces):
+def _clip_and_wrap(x, axis, lattice, faces):
     """A coordinate clipped between the faces of a bounded axis, and moved into the period of a periodic one.
     faces (6 ndim,): lower and upper faces, lower and upper ends, ...
     """
@@ -76,7 +77,7 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
             x = state[axis] + ends[(corner >> (ndim - 1 - axis)) & 1, j, axis, column]
             x += _farthest(ends, column, j, corner, axis, lattice.spacing, boxed)
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+            points[at + corner, axis] = _clip_and_wrap(x, axis, lattice, faces)
         past[at + corner] = 1 if out else 0
 
 
@@ -102,7 +103,7 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
             side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
             x = state[axis] + 0.5 * (low + high) + share * side * 0.5 * (high - low)
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+            points[at + corner, axis] = _clip_and_wrap(x, axis, lattice, faces)
         past[at + corner] = 1 if out else 0
 
 
@@ -128,7 +129,7 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
                 x += share * share * ends[3, j, axis, column]
                 lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[sample, axis] = _on_axis(x, axis, lattice, faces)
+            points[sample, axis] = _clip_and_wrap(x, axis, lattice, faces)
         gone |= out & (i <= last)
         past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
         points[sample, ndim] = times[sample - at]
@@ -142,7 +143,8 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 @kernel(**UNCOUNTED)
 def next_input(known, safe, scores, depth, hazard, first):
-    """The number of the input to look at next; if it has passed already, or has failed, it is the answer.
+    """The number of the input to look at next; if it has passed already, or has failed, it is the answer. Nothing is
+    written.
 
     Of the safe ones that have not failed that of least score, of equals that of least depth; where none is left,
     `first`, the best by the tubes; where that has failed, the one that has not for which the larger of depth and hazard

@@ -97,7 +97,7 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
 
 
 @kernel(**UNCOUNTED)
-def _mark(marks, place, index, count, marked):
+def _marked_by_all(marks, place, index, count, marked):
     """marked[j] = whether every one of `count` nodes around a state, `index`, marks u_j, in place; marks[place]:
     of the tube.
     """
@@ -133,7 +133,7 @@ def _gather(values, state, column, order, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _reduce(values, source, nodes, rest, near, far):
+def _maximum_along_axis(values, source, nodes, rest, near, far):
     """Maximum of the interpolant over an interval along the leading axis of values[source:] (nodes, rest), flat,
     written to values[rest:] (rest,).
 
@@ -181,7 +181,7 @@ def is_held(state, ends, column, j, held):
 
 
 @kernel(**UNCOUNTED)
-def _looks_at(state, ends, column, lattice, scratch):
+def _count_points(state, ends, column, lattice, scratch):
     """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is
     taken; returns the most that the sums of an input have.
     """
@@ -201,7 +201,7 @@ def _looks_at(state, ends, column, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _move(point, ends, column, scratch):
+def _write_boxes_at_point(point, ends, column, scratch):
     """Write to scratch.moved[:2] the boxes of all inputs around the point with this number of the sum of their
     segments; around the whole of a segment where its box is taken.
     """
@@ -222,7 +222,7 @@ def _move(point, ends, column, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _cuts(state, ends, normals, column, lattice, scratch):
+def _count_slabs(state, ends, normals, column, lattice, scratch):
     """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis for each input, 0
     where its box is taken; returns the last axis that a plane is not parallel to, and the most slabs of an input.
 
@@ -247,10 +247,10 @@ def _cuts(state, ends, normals, column, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _cut(slab, last, ends, normals, column, lattice, moved):
+def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
     """Write to moved[:2] the boxes of all inputs around the slab with this number of what lies between their planes.
 
-    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_cuts`.
+    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_count_slabs`.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -282,26 +282,26 @@ def _cut(slab, last, ends, normals, column, lattice, moved):
 
 @kernel(**UNCOUNTED)
 def _worst_values(values, state, box, normals, space, out):
-    """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
+    """out[j] = maximum of the interpolated `values` (size,) over what input j leads to from a state: its margin.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
     no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
-    boxes around these. Where they are held at a wall, or too many, the box around it. What is for planes alone is not
-    compiled where normals is None.
+    boxes around these. Where they are held at a wall, or too many, the box around it. box : (ends, column). space :
+    (order, lattice, scratch). What is for planes alone is not compiled where normals is None.
     """
     (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
     if normals is not None:
-        last, slabs = _cuts(state, ends, normals, column, lattice, scratch)
+        last, slabs = _count_slabs(state, ends, normals, column, lattice, scratch)
         for slab in range(slabs):
-            _cut(slab, last, ends, normals, column, lattice, scratch.moved)
+            _write_boxes_at_slab(slab, last, ends, normals, column, lattice, scratch.moved)
             _raise_to_worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, out)
         return
     alone = ends.shape[0] == PATH
-    for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
+    for point in range(1 if alone else _count_points(state, ends, column, lattice, scratch)):
         if not alone:
-            _move(point, ends, column, scratch)
+            _write_boxes_at_point(point, ends, column, scratch)
         boxes, of = (ends, column) if alone else (scratch.moved, 0)
         _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
 
@@ -328,13 +328,14 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - scratch.begin[a]) * rest[a + 1]
-                _reduce(scratch.values, source, last - first + 2, rest[a + 1], near, far)
+                _maximum_along_axis(scratch.values, source, last - first + 2, rest[a + 1], near, far)
         out[j] = np.inf if lost else out[j] if left else max(out[j], scratch.values[1])
 
 
 @kernel(**UNCOUNTED)
 def _depths(stored_tubes, state, box, normals, space, out):
-    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
+    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j from a state, CENTRE times that
+    at its centre. Arguments as for `_worst_values`.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
@@ -362,7 +363,7 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 
 
 @kernel(**UNCOUNTED)
-def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
+def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
     """Write safe[j] from marks, margins and avoid tubes, and return the best input by depth: of the safe ones;
     where none is, the one whose larger of depth and avoid tube is least; see `notebooks/site/queries.md`.
     """
@@ -412,12 +413,12 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
-    _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
+    _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
     _worst_values(tube, state, box, normals, space, margins[m])
     if stored_tubes.game >= 0:
         _depths(stored_tubes, state, box, normals, space, depths[m])
-    best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
+    best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 
 @kernel(**UNCOUNTED)
@@ -439,7 +440,9 @@ def hull_of(ends, column, spacing, hull):
 
 @kernel(**UNCOUNTED)
 def hazards(stored_tubes, step, state, lattice, scratch, out):
-    """out[j] = the interpolated avoid tube of u_j at a state (ndim,) over the interval from a step."""
+    """out[j] = the interpolated avoid tube of u_j at a state (ndim,) over the interval from a step, <= 0 where
+    u_j is safe; index and weight of `scratch` are overwritten.
+    """
     still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):

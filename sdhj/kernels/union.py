@@ -20,7 +20,8 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """Values to be avoided: (L, r, B or 1) for each input rows as those of the grid, or one value for all nodes of one.
+    """The avoid tubes of all inputs, static and moving ones, as rows of the grid: (L, r, B or 1), r rows of as many
+    nodes as the grid's, or with one value for all of them.
 
     Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
     """
@@ -33,19 +34,19 @@ class AvoidRows(NamedTuple):
 
 
 @_inlined
-def _reach_row(out, reach_sets, j, row):
+def _write_reach_row(out, reach_sets, j, row):
     """Write row number `row` of the reach set of the j-th of the inputs at hand to out (B + PAST,): see
     `add_inputs`.
     """
     if len(reach_sets) == 5:
-        _least(out, reach_sets, j, row)
+        _write_minimum_row(out, reach_sets, j, row)
     else:
         values, parent, which, taps, weight, between, point = reach_sets  # no tuple may stand in another here
-        _moved(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
+        _write_maximum_row(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
 @kernel(**UNCOUNTED)
-def _moved(out, values, leaves, j, row):
+def _write_maximum_row(out, values, leaves, j, row):
     """Write row number `row` of the maximum over intervals that `leaves` describe for the j-th input to out (B,):
     see `add_inputs`.
     """
@@ -56,7 +57,7 @@ def _moved(out, values, leaves, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _least(out, reach_sets, j, row):
+def _write_minimum_row(out, reach_sets, j, row):
     """Write row number `row` of the minimum of the pieces of the j-th input to out (B + PAST,), line by line, in
     whole vectors: what is written beyond a line's end is overwritten by the next.
     """
@@ -87,7 +88,7 @@ def _least(out, reach_sets, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _raised(out, bound, highest, level):
+def _raise_row(out, bound, highest, level):
     """Raise a row in place to a bound of as many nodes, of which `highest` is the greatest, and return `level`; where
     the bound has one value only, leave the row and return the greater of that and `level`.
 
@@ -130,11 +131,11 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
         for q in range(EIGHT):
             j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
             if first <= j < end:
-                _reach_row(found[q], reach_sets, j - first, row)
+                _write_reach_row(found[q], reach_sets, j - first, row)
                 line, level = found[q, :size], tube.dtype.type(-np.inf)
                 at = avoid_rows.static_at[row]
-                level = _raised(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
-                levels[q] = _raised(
+                level = _raise_row(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
+                levels[q] = _raise_row(
                     line, avoid_rows.moving[j, avoid_rows.moving_at[row]], tube.dtype.type(np.inf), level
                 )
         _join(tube[row], marks[byte, row], found, levels)

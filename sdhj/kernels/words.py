@@ -17,7 +17,7 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, wh
 
 @kernel(inline="always")
 def number_of(cell, counts):
-    """The flat number of a cell, the last axis fastest."""
+    """The flat number of a cell (ndim,) among counts (ndim,) of each axis, the last axis fastest."""
     number = 0
     for axis in range(cell.size):
         number = number * counts[axis] + cell[axis]
@@ -37,14 +37,14 @@ def slot_of(number, keys):
 
 @kernel(nogil=True)
 def look_up(states, cells, slack, kept, within, most, out, missing):
-    """The answers of the words of the cells within slack (ndim,) of each state, (M, ndim); how many words are missing.
+    """Write to `out` the answers of the words of the cells within slack (ndim,) of each state, (M, ndim); returns how
+    many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
     united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
 
-    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where
-    there is nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as
-    fit.
+    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where there is
+    nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as fit.
     """
     (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)

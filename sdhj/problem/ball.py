@@ -97,13 +97,13 @@ class Ball:
     def velocity(self, given: Any) -> Any:
         """A velocity, a function of v (2,), as one of the K components w along the sides: v = `directions` @ w."""
         axes = self.directions.tolist()
-        return _of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
+        return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
     def in_polar(self, given: Any) -> tuple[Any, Any]:
         """A velocity of v as one of (a, b), where v = a (cos b, sin b), and the bounds of these, (radius, pi / 2): an
         array, or a function where the radius is one.
         """
-        velocity = _of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
+        velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
             return velocity, np.array([radius, np.pi / 2])
 
@@ -124,7 +124,7 @@ class Ball:
         return np.stack([gain[..., 0] * x + gain[..., 1] * y for x, y in pairs], axis=-1)
 
 
-def _of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
+def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
     """A velocity, a function that may take v, as one of other components: `disturbance` makes the list of v's
     components of them. What does not take v is returned as it is.
     """

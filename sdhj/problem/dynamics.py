@@ -269,7 +269,7 @@ class VectorField:
         default_factory=dict, init=False, repr=False
     )  # made of these, by what they are
 
-    def made(
+    def made_once(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
         """`Formula.traced` of a function of so many coordinates and parameters, made once for each key, whose
@@ -594,7 +594,7 @@ class VectorField:
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
 
-        return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
+        return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
         """`range` where drift or gain is a black box: its declared bounds, plus the least and greatest products of gain

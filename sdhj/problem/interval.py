@@ -236,7 +236,7 @@ class Interval:
             return function
         grid = self.grid
         key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
-        return self.dynamics.made(key, function, coordinates, parameters)
+        return self.dynamics.made_once(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
@@ -300,12 +300,12 @@ class Interval:
         x of the states x at the end for each of the `normals` n, ndim of them in a term.
         """
         if self.dynamics.stateless:
-            return self._alike.copy()  # compiled look-ups take it in place of what they write
+            return self._ahead_everywhere.copy()  # compiled look-ups take it in place of what they write
         found = (self.ahead_formula or self._ahead)(states, self.begin)
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
     @kept
-    def _alike(self) -> FloatArray:
+    def _ahead_everywhere(self) -> FloatArray:
         """`ahead` where it is the same for all states, (4 + K, L, ndim, 1)."""
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
@@ -333,7 +333,7 @@ class Interval:
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
             ways = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
-            ends = [replace(self, delta=delta)._farthest(states, begin, ways) for delta in lasting]
+            ends = [replace(self, delta=delta)._greatest_along(states, begin, ways) for delta in lasting]
             far = np.maximum.reduce(ends) + np.abs(ways) @ (self.wider + np.zeros(self.grid.ndim))
             moved, later = self._moves(states, begin)
             terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
@@ -342,7 +342,7 @@ class Interval:
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
         moved, later = self._moves(states, begin)
-        segments = [self.delta * half for half in self._halves(states, begin)]
+        segments = [self.delta * half for half in self._half_segments(states, begin)]
         return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
 
     @kept
@@ -365,7 +365,7 @@ class Interval:
                     found.append(normal / self.grid.spacing)
         return np.array(found).reshape(-1, ndim)
 
-    def _farthest(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
+    def _greatest_along(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
         """The greatest n . (x(end) - x) over all v for each way n (K, ndim), under each input: (M, L, K). States (M,
         ndim); the interval begins at `begin`, s.
 
@@ -388,7 +388,7 @@ class Interval:
             far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
 
-    def _halves(self, states: Any, begin: Any) -> list[Any]:
+    def _half_segments(self, states: Any, begin: Any) -> list[Any]:
         """For each component d of v in `VectorField.oblique`: gain_d bounds_d under each input, (M, L, ndim), which is
         half of the segment that it adds to the velocity of states (M, ndim); a list.
         """
@@ -409,7 +409,7 @@ class Interval:
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.displacement_boxes(0.0, self.delta)
-            spread = sum((np.abs(half[0]) for half in self._halves(states, begin)), np.zeros_like(low))
+            spread = sum((np.abs(half[0]) for half in self._half_segments(states, begin)), np.zeros_like(low))
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
@@ -437,7 +437,7 @@ class Interval:
         return np.stack(each, axis=1)
 
     @kept
-    def _always(self) -> FloatArray:
+    def _constant_extremes(self) -> FloatArray:
         """`extremes` where they do not depend on time, found once."""
         return self.extremes(self.begin)
 
@@ -452,7 +452,7 @@ class Interval:
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
         else:
-            mean = self._always
+            mean = self._constant_extremes
         low, high = (end - begin) * mean
         return low, high
 
@@ -498,7 +498,7 @@ class Interval:
         if self.normals.size:
             walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
         if dynamics.oblique and dynamics.stateless:
-            pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
+            pushes = np.stack(self._half_segments(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
             past = np.array([[-np.inf], [np.inf]])
             walls = np.where([self._holds(axis, axis, pushes) for axis in axes], walls, past)
         return walls
@@ -566,7 +566,7 @@ class Interval:
         elif (box := self._hull(j, axes, t)) is not None:
             return box
         elif dynamics.gain is None:
-            return self._ranges(j, axes, t)
+            return self._boxes_of_pieces(j, axes, t)
         else:
             f, b = self._modes(j, axes, t)
         spread = np.abs(b).sum(axis=2)
@@ -576,7 +576,7 @@ class Interval:
         coupled = (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
-    def _seen(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
+    def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
         """Some axes and all those that their velocities read, ascending; and the places in this list of the axes that
         were added.
         """
@@ -591,7 +591,7 @@ class Interval:
         move the velocity of several; and where it cannot be sampled so, with black boxes or v that does not enter
         linearly. ValueError where a bound is below 0.
         """
-        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         if not dynamics.formulas or dynamics.gain is None:
             return None
         if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
@@ -606,7 +606,7 @@ class Interval:
             swayed += bool(np.ptp(low, axis=outside).any() or np.ptp(high, axis=outside).any())
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
-    def _points(self, seen: list[int]) -> FloatArray:
+    def _points_of_axes(self, seen: list[int]) -> FloatArray:
         """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at their lower
         ends.
         """
@@ -615,18 +615,18 @@ class Interval:
         points[:, seen] = grid.points()
         return points
 
-    def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
+    def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
         """The velocity set under u_j along some axes at time t where v does not enter linearly: a box, or one for each
         piece of v's range, as modes whose gain is diagonal.
 
         A velocity is in the box of some piece, so that H is at most the maximum over them, and no less than that of a
         box over the whole range. Boxes hold all coordinates that are left out. MemoryError where the pieces do not fit.
         """
-        dynamics, (seen, outside), cuts = self.dynamics, self._seen(axes), self.dynamics.cuts(axes)
+        dynamics, (seen, outside), cuts = self.dynamics, self._with_axes_read(axes), self.dynamics.cuts(axes)
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
         if count > 1:
             require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
-        points, lows, highs = self._points(seen), list[FloatArray](), list[FloatArray]()
+        points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
         ends = dynamics.disturbance(j, points, points, (t, t))
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         for at in product(*map(range, cuts)):
@@ -648,7 +648,7 @@ class Interval:
         time t: a mode for each combination of nodes of the coordinates left out that enter. MemoryError if they do not
         fit.
         """
-        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
@@ -660,7 +660,7 @@ class Interval:
                     push = dynamics.component("gain", j, axis * count + d)
                     sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
         else:
-            points = self._points(seen)
+            points = self._points_of_axes(seen)
             gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)

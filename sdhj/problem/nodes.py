@@ -90,7 +90,9 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     """
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
-    near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
+    near = [
+        _values_beyond(grid, values, inside, axis, by) for axis, by in steps
+    ]  # NaN past an end, which nothing finds
     flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
     at_boundary = flat & np.any([one > 0.0 for one in near], axis=0)
     out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
@@ -102,7 +104,7 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
         np.zeros(np.count_nonzero(at_boundary)),
     )
     for (axis, by), first in zip(steps, near, strict=True):
-        first, second = first[at_boundary], _moved(grid, values, at, axis, 2 * by)
+        first, second = first[at_boundary], _values_beyond(grid, values, at, axis, 2 * by)
         drop, rate = first - level[at_boundary], second - first
         fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
         depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
@@ -111,8 +113,8 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     out[at], step[at] = depth, fallen
     rest = tuple(index[flat & ~at_boundary] for index in inside)
     for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
-        falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
-        there = (_moved(grid, out, rest, *one) for one in steps)
+        falls = np.nan_to_num([_values_beyond(grid, step, rest, *one) for one in steps])
+        there = (_values_beyond(grid, out, rest, *one) for one in steps)
         depths = [np.where(fall > 0.0, one - fall, -np.inf) for one, fall in zip(there, falls, strict=True)]
         found = falls.max(axis=0) > 0.0
         at = tuple(index[found] for index in rest)
@@ -121,7 +123,7 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     return out
 
 
-def _moved(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
+def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
     """Values (K,) of a grid function at the nodes that are `by` nodes further along an axis than the nodes `at`, an
     index array (K,) for each axis; around periodic axes, NaN past a bounded end.
     """
@@ -162,7 +164,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     ]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
     values = np.asarray(function(points), dtype=np.float64).reshape([len(line) for line in lines])
-    values = values - sum(_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
+    values = values - sum(_largest_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
     for axis, periodic in enumerate(grid.periodic):
         parts = values.shape[axis] - 1
         around = np.clip(np.arange(0, parts + 1, FINE) + np.arange(-FINE, FINE + 1)[:, None], 0, parts)
@@ -173,7 +175,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return np.where(values == 0.0, -ON_BOUNDARY, values)
 
 
-def _change_nearby(values: FloatArray, axis: int) -> FloatArray:
+def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
     """For each point of a lattice, values (*points): the largest |difference| between two neighbours along an axis,
     both at most one point away from it along every axis; the same shape.
     """

@@ -91,7 +91,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         """Signed distance to the polygon at points (M, 2), less the radius."""
-        along, right, lengths = _beside(points, corners)
+        along, right, lengths = _along_edges(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)
         outside = np.min([_outside(points, part) for part in parts], axis=0)
@@ -100,7 +100,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
     return level_set
 
 
-def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of points (M, 2) and the edges of a polygon with corners (K, 2): how far each point is along each edge from its
     begin, and to its right, both (M, K), and the edges' lengths (K,).
     """
@@ -116,4 +116,4 @@ def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
     tighter at acute corners.
     """
     beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
-    return np.maximum(_beside(points, corners)[1].max(axis=1), beyond.max(axis=1))
+    return np.maximum(_along_edges(points, corners)[1].max(axis=1), beyond.max(axis=1))

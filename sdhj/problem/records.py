@@ -167,7 +167,7 @@ def bounds_from_records(
     if problem.dynamics.gain is None:
         raise ValueError("v must enter the velocity linearly: give drift and gain")
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
-    tables = [_table(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
+    tables = [_record(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
     if len(tables) < 2:
         raise ValueError(f"two records or more are needed, got {len(tables)}")
     miss = (1 - confidence) / (D + (0 if error is not None else ndim))  # for each bound that is found
@@ -175,7 +175,7 @@ def bounds_from_records(
     joined = [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)]
     pushes, blur, beyond = _pushes(problem, joined, np.zeros(ndim) if better is not None else known)
     peaks, least = _peaks(pushes, [len(one) - 1 for one in tables]), np.maximum((pushes - blur).max(axis=0), 0.0)
-    bounds, exceeding = _above(peaks, miss), chance(len(tables), D, confidence)
+    bounds, exceeding = _upper_bounds(peaks, miss), chance(len(tables), D, confidence)
     names = tuple(problem.grid.names)
     return RecordedBounds(bounds, least, peaks, known, beyond.max(axis=0), exceeding, confidence, names)
 
@@ -222,20 +222,20 @@ def _measured(
     """
     ndim = problem.grid.ndim
     if better is not None:
-        seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
+        seen = [_record(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
         if [len(one) for one in seen] != [len(one) for one in tables]:
             raise ValueError("better must have a record for each of records, with as many rows")
         pairs = zip(tables, seen, strict=True)
         misses = [np.abs(_difference(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
-        return seen, _above(np.array(misses), miss)
+        return seen, _upper_bounds(np.array(misses), miss)
     if rest is not None:
-        still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
+        still = _record("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
         off = _difference(problem, still, still[:1])
-        return tables, (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
+        return tables, (_upper_bounds(off, miss / 2) + _upper_bounds(-off, miss / 2)) / 2
     return tables, np.zeros(ndim) + np.array(Sensing(error).error)
 
 
-def _above(values: FloatArray, miss: float) -> FloatArray:
+def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
     """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from the n values (n, m) that were
     recorded.
 
@@ -246,7 +246,7 @@ def _above(values: FloatArray, miss: float) -> FloatArray:
     return np.asarray(ordered[-1] + (ordered[-1] - ordered[-k]) * (miss ** (-1 / (k - 1)) - 1))
 
 
-def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
+def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
     """A record, an array or the path of a CSV file with a line of names, as float64 (T, columns), or with `wider` of
     more columns.
 

@@ -67,7 +67,7 @@ def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
     return ((np.minimum(distance, nodes - distance) if periodic else distance) <= by).astype(np.float32)
 
 
-def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
+def _near_marked(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
     """For each plane, whether one of the marked `planes`, (*shape[:-2]) bool, is up to `by` nodes away along an
     axis.
     """
@@ -85,7 +85,7 @@ def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> Fl
     for _ in range(stages if planes.any() else 0):
         if planes.all():
             break
-        planes = np.logical_or.reduce([planes, *(_beside(grid, planes, i, order) for i in range(planes.ndim))])
+        planes = np.logical_or.reduce([planes, *(_near_marked(grid, planes, i, order) for i in range(planes.ndim))])
     return planes
 
 
@@ -94,7 +94,7 @@ def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArra
     reach cells[axis] cells along each axis.
     """
     for axis in range(planes.ndim):
-        planes = _beside(grid, planes, axis, nodes_read(cells[axis]))
+        planes = _near_marked(grid, planes, axis, nodes_read(cells[axis]))
     return planes
 
 

@@ -319,7 +319,7 @@ class HJIGames(_OnAxes):
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
     @cached_property
-    def brought(self) -> FloatArray:
+    def pushed(self) -> FloatArray:
         """How far along each axis the disturbance moves a state in an interval, in the axis's unit, if that is a cell
         or more, else 0: (axes,).
 
@@ -340,7 +340,7 @@ class HJIGames(_OnAxes):
         return self.moving_frame and not self.early
 
     @cached_property
-    def around(self) -> tuple[Grid, tuple[int, ...]]:
+    def moving_grid(self) -> tuple[Grid, tuple[int, ...]]:
         """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
 
         Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
@@ -381,7 +381,7 @@ class HJIGames(_OnAxes):
         if still is None:
             steps = self.steps(self.axes, step)
         else:
-            steps = still.steps(self.around[0], self.duration, self.scheme.cfl)
+            steps = still.steps(self.moving_grid[0], self.duration, self.scheme.cfl)
         nodes, stages = self.scheme.reads
         return nodes, steps * stages
 
@@ -394,7 +394,7 @@ class HJIGames(_OnAxes):
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
         moving, timed = self.shifted and not avoid, self.problem.dynamics.timed
-        grid = self.around[0] if moving else self.problem.grid.subgrid(axes)
+        grid = self.moving_grid[0] if moving else self.problem.grid.subgrid(axes)
         begin = self.problem.interval(step).begin
         if avoid or timed or (self.joint and not moving):
             steps = [self.steps(axes, step)] * self.count
@@ -408,7 +408,7 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            far = self.brought[None]
+            far = self.pushed[None]
             more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
@@ -419,15 +419,15 @@ class HJIGames(_OnAxes):
         knows the disturbance only.
 
         Psi is the greater of the solution by differences and of the maximum over the box that the disturbance moves a
-        state in (`brought`). patch : as for `grouped_reach_sets`.
+        state in (`pushed`). patch : as for `grouped_reach_sets`.
         """
-        (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
+        (grid, past), shift, wanted = self.moving_grid, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
-        far = self.brought
+        far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
             """Psi (*shape) on some planes, by default all: by differences, and at least the maximum over what the
@@ -698,7 +698,7 @@ class HopfLaxGames(_OnAxes):
                 return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
-        path = [self._moved(interval, list(self.axes), [end]) for end in ends.tolist()]
+        path = [self._displacement_sets(interval, list(self.axes), [end]) for end in ends.tolist()]
         values, wanted = np.asarray(values, self.dtype), self.wanted_on(self.axes)
         if self.early:
             yield from in_eights(self.grid, maximum_over_paths(self.grid, values, path, self.interpolation, wanted))
@@ -724,18 +724,18 @@ class HopfLaxGames(_OnAxes):
         whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            moved = self._around(interval, axes, piece, pieces)
+            moved = self._displacement_sets_in_piece(interval, axes, piece, pieces)
             yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation, wanted)
             tick(_operations(grid, moved) + A_PIECE)
 
-    def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
+    def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
         """A box and segments for each input that hold all states of one of `pieces` pieces of the interval, along
         some axes.
         """
         ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
-        return self._moved(interval, axes, ends.tolist())
+        return self._displacement_sets(interval, axes, ends.tolist())
 
-    def _moved(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
+    def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """A box and segments for each input that hold the states, relative to where they began, at the times
         `ends` of an interval, s from its begin, ascending; along some axes.
         """
@@ -754,9 +754,9 @@ class HopfLaxGames(_OnAxes):
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)
         if not avoid and not self.early:
-            return _operations(grid, self._moved(interval, some, [self.duration])) + A_PIECE
+            return _operations(grid, self._displacement_sets(interval, some, [self.duration])) + A_PIECE
         looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
-        each = [_operations(grid, self._around(interval, some, piece, pieces)) for piece in looked]
+        each = [_operations(grid, self._displacement_sets_in_piece(interval, some, piece, pieces)) for piece in looked]
         return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:

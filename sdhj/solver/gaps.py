@@ -102,7 +102,7 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
     longer = e * (1.0 + taken_off)[:, None]
-    ways = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t)
+    ways = _share_inside(problem, centres, longer, t) + _share_inside(problem, centres, -longer, t)
     alone, widths = ways < 1.0, np.abs(longer) * (1.0 - ways)[:, None]
     if len(np.unique(state[alone])) < RARE * len(points):
         return {}
@@ -142,7 +142,7 @@ def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
     return np.array(some.lower) + inside * some.spacing
 
 
-def _way(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
+def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
     """How far the target at time t goes on from states `centres` (M, axes) in it along e (M, axes), as a share of
     e, at most 1: (M,). By `PARTS` points of the way, linear between them.
     """

@@ -280,7 +280,7 @@ class ProjectedSets(GridSets):
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
-    def _under(self, name: str) -> str:
+    def _of_inputs(self, name: str) -> str:
         """The words " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
         part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
@@ -309,7 +309,7 @@ class ProjectedSets(GridSets):
             if share == 0.0:
                 cause = (
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
-                    "what was dropped is unsafe, so no input counts as safe" + self._under(name) + "; "
+                    "what was dropped is unsafe, so no input counts as safe" + self._of_inputs(name) + "; "
                 )
                 found.append(Finding(cause, share, "keep more of the axes it depends on", ProjectionWarning))
         return found

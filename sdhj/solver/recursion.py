@@ -183,7 +183,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
 
 
-def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
+def no_avoid_tubes(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
     """The avoid tubes where there is nothing to avoid: -inf, on no axes, for each input and step."""
     count = len(problem.inputs)
     return AvoidTubes((), np.full(count, -np.inf, dtype), (), np.full((problem.most_steps, count), -np.inf, dtype))
@@ -303,7 +303,7 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
             joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
-            plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
+            plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
         arrays.read(name, place, layout.runs(name, task.slab))
@@ -461,8 +461,8 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Check memory, state the cost, warn of what the grid does not resolve (all where it is not cut), and
-        compute the avoid tubes.
+        """Compute the avoid tubes; where no `slabs` are given, first check memory, state the cost, and warn of
+        what the grid does not resolve.
         """
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))

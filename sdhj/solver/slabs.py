@@ -85,11 +85,11 @@ class Plan:
 
     def slab(self, number: int) -> Grid:
         """The grid of slab `number`, without its halo."""
-        return around(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
+        return slab_window(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
 
     def window(self, number: int) -> tuple[Grid, slice]:
         """The grid of slab `number` with its halo, and where along the cut axis of it the slab is."""
-        return around(self.problem.grid, self.axis, self.layout.span(number), self.halo)
+        return slab_window(self.problem.grid, self.axis, self.layout.span(number), self.halo)
 
     def play(self, number: int) -> tuple[Grid, Any]:
         """The grid of slab `number` with its halo, and new games on it; of the only slab the problem's grid, and
@@ -110,7 +110,7 @@ class Plan:
         if game.axis is None:
             return self.make(problem), inside
         first, end = self.layout.span(number)
-        part, kept = around(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+        part, kept = slab_window(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
         cut = game.danger.axes.index(self.axis)
         games = self.make(problem.on(part), counted=game.counted, wanted={game.axis: kept})
         return games, (*inside[:cut], slice(None), *inside[cut + 1 :])
@@ -140,7 +140,7 @@ class Task(NamedTuple):
 # ---- how wide a halo is
 
 
-def depth(scheme: Scheme) -> int:
+def nodes_read_in_a_step(scheme: Scheme) -> int:
     """How many nodes to each side a whole time step of a scheme reads: those of a stage times the number of stages."""
     return math.prod(scheme.reads)
 
@@ -171,9 +171,9 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(depth(games.scheme) * steps, nodes_read(float(games.brought[axis]) / spacing))
+        reached = max(nodes_read_in_a_step(games.scheme) * steps, nodes_read(float(games.pushed[axis]) / spacing))
         return reached + nodes_read(float(drift) * games.duration / spacing)
-    return depth(games.scheme) * _most(games, games.axes, counted)
+    return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, games.axes, counted)
 
 
 def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
@@ -184,10 +184,10 @@ def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: M
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
         more = 2 * games.problem.interval(0).segments(axes).shape[1]  # as in `HopfLaxGames.reads`
         return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis] + more)
-    return depth(games.scheme) * _most(games, axes, counted)
+    return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, axes, counted)
 
 
-def _most(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
+def _most_time_steps(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
     """The time steps of the input that needs most, on some axes: from `counted` where it has them, else as the games
     find.
     """
@@ -207,7 +207,7 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
     return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)
 
 
-def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
+def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
     """The window of a slab, the nodes span[0] to span[1] - 1 of an axis, with `halo` nodes on both sides, as far as the
     grid goes; and the slice of the slab in it along the axis. Where a periodic window would meet itself it is the grid.
     """
