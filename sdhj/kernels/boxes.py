@@ -15,9 +15,10 @@ SIDE = 256  # nodes of rows that are turned together
 
 
 class Leaves(NamedTuple):
-    """Maxima of some functions over intervals along an axis: leaf i is of function parent[i] and interval which[i].
+    """Maxima of functions over intervals along an axis, a leaf each: leaf i is that of function parent[i] over interval
+    which[i].
 
-    parent, which (leaves,). For each interval and node taps (intervals, n, 2, 4), nodes around the two ends: before,
+    parent, which (leaves,). For each interval and node: taps (intervals, n, 2, 4), nodes around its two ends: before,
     left, right, behind; weight (intervals, n, 2, 2), share of the right node and factor of the limited second
     difference; between (intervals, n, 2), first node within the interval and the one behind the last, periodic axes
     unwrapped. point (intervals,), whether the two ends are one.
@@ -62,8 +63,8 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` around a node; raised: and of
-    `out`. In place.
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` of `leaves` around a node; raised:
+    and of `out`. In place.
     """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
@@ -77,8 +78,8 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 
 @kernel()
 def _maximum_of_short_rows(out, values, kind, leaves, raised):
-    """out = the maximum over interval `kind` around each node, out (rows, nodes, B) of values (rows, n, B), of
-    few nodes each, done side by side; raised: and of what was in `out`. In place.
+    """out = the maximum over interval `kind` of `leaves` around each node, out (rows, nodes, B) of values (rows,
+    n, B), of few nodes each, done side by side; raised: and of what was in `out`. In place.
     """
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]

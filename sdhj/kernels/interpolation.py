@@ -39,8 +39,8 @@ def among(node, count):
 
 @kernel()
 def locate(coordinate, axis, lattice):
-    """(node at or left of a coordinate along an axis, weight of the node to its right); beyond an end of a bounded
-    axis, those of the end.
+    """(node at or left of a coordinate along an axis of the lattice, weight of the node to its right); beyond an end of
+    a bounded axis, those of the end.
 
     Nodes of a periodic axis are to be taken modulo its shape.
     """
@@ -55,7 +55,7 @@ def locate(coordinate, axis, lattice):
 
 @kernel()
 def on_grid(point, lattice):
-    """Whether a point (ndim,) is finite and, to `SLACK` cells, between the ends of bounded axes."""
+    """Whether a point (ndim,) is finite and, to `SLACK` cells, between the ends of the lattice's bounded axes."""
     for axis in range(point.size):
         position = (point[axis] - lattice.lower[axis]) / lattice.spacing[axis]
         if not (abs(position) < FAR):
@@ -67,8 +67,8 @@ def on_grid(point, lattice):
 
 @kernel()
 def corners(point, axes, lattice, tiny, index, weight):
-    """Write the flat indices and the weights of the nodes around a point (ndim,) on the subgrid of `axes`; returns how
-    many.
+    """Write the flat indices and the weights of the nodes around a point (ndim,) on the subgrid of `axes` of the
+    lattice; returns how many.
 
     Nodes of no weight are left out; a weight below `tiny` is taken for rounding, the point for one on the other node.
     `index` and `weight`, both (2^len(axes),), are modified in place.
@@ -113,7 +113,7 @@ def weighted(values, row, index, weight, count):
 @kernel(parallel=True)
 def interpolate(values, points, lattice):
     """Multilinear interpolation of grid `values` (1, size), flat, at `points` (M, ndim): (M,) float64; `OUTSIDE`
-    off the grid.
+    off the grid, a `Lattice`.
     """
     count, ndim = points.shape
     out = np.empty(count)
@@ -133,7 +133,7 @@ def interpolate(values, points, lattice):
 
 @kernel()
 def turned(x, lower, upper):
-    """A coordinate of a periodic axis, moved by whole turns into [lower, upper)."""
+    """A coordinate x of a periodic axis, moved by whole turns into [lower, upper)."""
     past = x - lower
     if not 0.0 <= past < upper - lower:  # a division costs as much as all the rest
         past %= upper - lower

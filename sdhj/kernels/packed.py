@@ -216,7 +216,7 @@ def cells_at(state, cells, slack, found):
 
 @kernel(inline="always")
 def row_and_bit(cell, cells):
-    """The number of a cell's block, by its first `rows` axes, and of its bit there."""
+    """The number of a cell's block, by the first `rows` axes of `cells` (`Cells`), and of its bit there."""
     row, bit = 0, 0
     for axis in range(cell.size):
         if axis < cells.rows:
@@ -228,8 +228,8 @@ def row_and_bit(cell, cells):
 
 @kernel(nogil=True)
 def fewest_steps(states, cells, slack, index, pool, out):
-    """out[m] = the number of the first of nested sets with a certified cell within slack (ndim,) of states[m], (M,
-    ndim).
+    """out[m] = the number of the first of nested sets with a certified cell of `cells` (`Cells`) within slack (ndim,)
+    of states[m], (M, ndim).
 
     index (n, R), pool (B, W) : the numbers of the blocks of each row of the n sets, each inside the next, and the
     blocks

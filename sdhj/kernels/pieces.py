@@ -16,7 +16,8 @@ from sdhj.kernels.compiling import kernel
 @kernel(nogil=True)
 def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
     """Write to `ends` where boxes that began at `start` are, start + moved, and to `enclosure` a guess of what
-    they sweep next: ends and 1.2 times as much outward as in the piece `before`, and the shell. All (2, M, ndim).
+    they sweep next: ends and 1.2 times as much outward as in the piece `before`, and the shell; at `start` on
+    shift_invariant axes. All (2, M, ndim).
     """
     for side in range(2):
         way = 2.0 * side - 1.0
@@ -35,8 +36,8 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
 @kernel(nogil=True)
 def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
     """Write to `out` what boxes `ends` sweep within h s at velocities that hold in `enclosure`, with a quarter of
-    the shell: from ends to ends + h velocity; returns whether all stay inside the enclosure, so that it was
-    right.
+    the shell: from ends to ends + h velocity; on shift_invariant axes the ends. Returns whether all stay inside
+    the enclosure, so that it was right. All (2, M, ndim).
     """
     inside = True
     for side in range(2):

@@ -60,14 +60,16 @@ def _larger(a, b):
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
-    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i: a pair."""
+    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i, from c = phi_i and the three values to its left
+    and to its right.
+    """
     return c - left[0], right[0] - c
 
 
 @_inlined
 def second_order(c, left, right):
     """dx p- and dx p+: the first differences, each corrected by half the smaller of the second differences at its
-    two nodes.
+    two nodes. Arguments as for `first_order`.
     """
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
@@ -78,7 +80,8 @@ def second_order(c, left, right):
 @_inlined
 def third_order(c, left, right):
     """dx p- and dx p+: the slope of the parabola through the node and two on one side, or one on each, whichever
-    bends less, corrected by the smaller of two third differences (ENO, Osher & Shu 1991).
+    bends less, corrected by the smaller of two third differences (ENO, Osher & Shu 1991). Arguments as for
+    `first_order`.
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
@@ -97,8 +100,8 @@ def third_order(c, left, right):
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
 @_inlined
 def godunov(minus, plus, low, high):
-    """Godunov's: max(low p, high p), each velocity with its upwind difference, and at least 0 where low < 0 <
-    high, as standing still is allowed then.
+    """Godunov's numerical Hamiltonian of one axis, from minus = p- and plus = p+: max(low p, high p), each
+    velocity with its upwind difference, and at least 0 where low < 0 < high, as standing still is allowed then.
     """
     zero = type(low)(0.0)
     best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
@@ -107,7 +110,9 @@ def godunov(minus, plus, low, high):
 
 @_inlined
 def lax_friedrichs(minus, plus, low, high):
-    """Lax-Friedrichs: H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2, just enough dissipation."""
+    """Lax-Friedrichs's numerical Hamiltonian of one axis, from minus = p- and plus = p+: H((p- + p+) / 2) +
+    max(|low|, |high|) (p+ - p-) / 2, just enough dissipation.
+    """
     half = type(low)(0.5)
     mean = half * (minus + plus)
     return _larger(low * mean, high * mean) + half * _larger(abs(low), abs(high)) * (plus - minus)
@@ -124,8 +129,9 @@ def _runs_of_axes(rest, near, start, first, velocities):
     """A tuple with, for each axis, the begins of the three runs to its left and of the three to its right, and its
     `_velocity`; `rest` has as many entries as axes are still to come.
 
-    near : `Layout.near` of the plane; start : where the run begins in it; first : where it begins in the array. Read
-        before the loop and kept in registers: for all the compiler knows, the loop may write over any array.
+    near : `Layout.near` of the plane; start : where the run begins in it; first : where it begins in the array.
+        velocities : as for `stage`, of one input. Read before the loop and kept in registers: for all the compiler
+        knows, the loop may write over any array.
     """
     if len(rest) == 0:
         return ()
@@ -139,8 +145,8 @@ def _runs_of_axes(rest, near, start, first, velocities):
 
 @_inlined
 def _velocity(velocities, axis, ndim, first):
-    """The lower and upper velocity of an axis, divided by dx; or, where they depend on the state, where those at
-    the node `first` stand in the box, and 1 / dx.
+    """The lower and upper velocity of an axis of ndim, divided by dx; or, where they depend on the state, where
+    those at the node `first` stand in the box, and 1 / dx. velocities : as for `stage`, of one input.
     """
     box = velocities[0]
     if len(velocities) == 1:
@@ -152,8 +158,8 @@ def _velocity(velocities, axis, ndim, first):
 
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
-    """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi is c; `axis` is its entry
-    of `_runs_of_axes`.
+    """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi, a flat array, is c;
+    `axis` is its entry of `_runs_of_axes`, box : the velocities, order : of differences.
     """
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
@@ -162,8 +168,8 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """p-, p+ and the lower and upper velocity of an axis at node i: the differences times 1 / dx, unless
-    velocities have it.
+    """p-, p+ and the lower and upper velocity of an axis at node i: the differences `minus` and `plus` times 1 /
+    dx, unless velocities have it. velocity : of `_velocity`, which says where in the box they are.
     """
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
@@ -173,8 +179,8 @@ def _scaled(minus, plus, velocity, box, i):
 
 @_inlined
 def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
-    """`total` plus the numerical Hamiltonians of the axes at node i, one after the other; axes: what is left of
-    `_runs_of_axes`, scheme: (order, flux).
+    """`total` plus the numerical Hamiltonians of the axes at node i, where phi is c, one after the other; axes:
+    what is left of `_runs_of_axes`; box: the velocities; scheme: (order, flux).
     """
     if len(axes) == 0:
         return total
@@ -205,8 +211,8 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
     """One stage at `count` nodes from `here` on, everything in one loop, in place: out = keep out + (1 - keep) (phi +
     dt H), H the sum of the axes' numerical Hamiltonians; arrays are flat.
 
-    step : (dt, keep). Indices are unsigned: the compiler then need not wonder whether they are negative, and
-        vectorises.
+    axes : of `_runs_of_axes`; box : the velocities; scheme : (order, flux); step : (dt, keep). Indices are unsigned:
+        the compiler then need not wonder whether they are negative, and vectorises.
     """
     dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
@@ -221,7 +227,7 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
 @kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     """mean = (p- + p+) / 2 along one axis at the nodes from `here` on, and rhs += max(|low|, |high|) (p+ - p-) /
-    2, the Lax-Friedrichs dissipation; both in place.
+    2, the Lax-Friedrichs dissipation; both (count,), in place. Other arguments as for `_upwind`.
     """
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
@@ -259,8 +265,11 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
-    """`_advance_box` for coupled velocities, loop by loop: there are too many of them for the registers. H = max
-    over modes of p . drift + sum_d |p . gain_d| of mean differences p, plus dissipation.
+    """One stage at `count` nodes from `here` on for coupled velocities, in place: out = keep out + (1 - keep) (phi + dt
+    (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at the mean differences p.
+
+    Loop by loop: there are too many velocities for the registers. axes, order, step : as for `_advance_box`; velocities
+    : (box, inverse, drift, gain), as for `stage`.
     """
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
@@ -276,8 +285,8 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
 
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
-    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and the ghost rows that
-    are copies of these. In place.
+    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane as `layout` has it, and
+    the ghost rows that are copies of these. In place.
     """
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
@@ -295,7 +304,9 @@ def _fill_ghosts(plane, layout, begin, end):
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage` for one input: share (number, how many there are) of the planes and chunks."""
+    """One thread's share of `stage` for one input, written to `out`: of all planes and chunks of the layout,
+    share number share[0] of share[1]. scheme : (order, flux); the others as for `stage`.
+    """
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):

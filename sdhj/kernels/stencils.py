@@ -147,8 +147,8 @@ def rows_inside(total, cells, index, pool, scratch):
 
 @kernel(**UNCOUNTED)
 def has_lines(cell, moves, cells, axes):
-    """Whether the image of a cell is lines of `Moves`: there are some, and the cell is at least `halo` cells from
-    the ends of the first `axes` axes.
+    """Whether the image of a cell is lines of `moves` (`Moves`): there are some, and the cell is at least `halo`
+    cells from the ends of the first `axes` axes.
     """
     for axis in range(axes if moves.lines.shape[0] > 0 else 0):
         # obligation 3.20
@@ -171,8 +171,8 @@ def line_of_box(box, oblique):
 
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
-    """Whether the image of a cell at a place under move j, a box or lines, is in a set with rows pool[index];
-    scratch (3, ndim) as for `image_inside`.
+    """Whether the image of a cell at a place under move j of `moves` (`Moves`), a box or lines, is in a set with
+    rows pool[index]; scratch (3, ndim) as for `image_inside`.
     """
     last = cell.size - 1
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
@@ -277,7 +277,7 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 @kernel(**UNCOUNTED)
 def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
     """`grow` for one row; sets: (near (W,), inside (W,)) of it, in place, (index, pool) as for `image_inside`;
-    scratch: (4, ndim) int64, and (L,) uint64 where the pool is extended.
+    scratch: (4, ndim) int64, and (L,) uint64 where the pool is extended; the others as for `grow`.
     """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
     last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
@@ -439,7 +439,7 @@ class Placed(NamedTuple):
 @kernel(**UNCOUNTED)
 def parts_inside(cell, tube, layout):
     """In how many of the parts of the interval, from the first on, what was in a cell may still be between the
-    safe ends; tube (parts, ndim, 2): how far its ends move in each.
+    safe ends of the layout (`Placed`); tube (parts, ndim, 2): how far its ends move in each.
     """
     for axis in range(cell.size):
         if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
@@ -474,7 +474,8 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
-    """`mark_collisions` for chunk number `chunk` of `CHUNKS` of the cells; scratch: arrays that are overwritten.
+    """`mark_collisions` for chunk number `chunk` of `CHUNKS` of the cells, with its arguments; scratch: arrays that are
+    overwritten.
 
     Span 0 is the whole interval, the others are its parts: only what is met in some of them is looked up in each.
     """
@@ -508,8 +509,11 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
 
 @kernel(inline="always")
 def swept_boxes(number, span, tube, k, lattice, edges):
-    """The first of the lattice boxes along its k-th axis that the tube of cell `number` of that axis overlaps,
-    and the one behind the last; span: 0 of the whole interval, else of part span - 1.
+    """The first of the lattice boxes (`Boxes`) along its k-th axis that the tube of cell `number` of that axis
+    overlaps, and the one behind the last.
+
+    tube (parts, ndim, 2): how far the lower and upper end of the cell move in each part of the interval; span: 0 of the
+    whole interval, else of part span - 1. edges (ndim, most + 1): where cells begin and end.
     """
     axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
@@ -521,8 +525,10 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 @kernel(**UNCOUNTED)
 def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
-    """Write `swept_boxes` along a line that begins at cell `begin`, times the step of its axis in the sums: along
-    (2, length), first and behind last of each cell, hulls (2, segments) of each segment.
+    """Write `swept_boxes` along a line that begins at cell `begin`, times the step of its axis in the sums: scratch is
+    along (2, length), first and behind last of each cell, and hulls (2, segments), of each segment.
+
+    span, tube, lattice : as for `swept_boxes`; layout : the `Placed`.
     """
     (along, hulls), step = scratch, 1
     for k in range(lattice.axes.size - 1, -1, -1):
@@ -538,10 +544,11 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
 
 @kernel(**UNCOUNTED)
 def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
-    """Write where, on all axes but a line's, the corners of `swept_boxes` of a cell are in the sums, and which are
-    subtracted.
+    """Write where, on all axes but a line's, the corners of `swept_boxes` of a cell (ndim,) are in the sums, and which
+    are subtracted.
 
-    scratch : corner (2, 2^(d - 1)), places, and 1 or -1; at (2, d), overwritten.
+    scratch : corner (2, 2^(d - 1)), places, and 1 or -1; at (2, d), overwritten. span, tube, lattice : as for
+        `swept_boxes`; layout : the `Placed`.
     """
     (corner, at), d = scratch, lattice.axes.size
     for k in range(d):
@@ -582,7 +589,7 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 @kernel(parallel=True)
 def mark_exits(clear, tubes, places, faces, bit, layout):
     """Clear a bit (a mask) of the cells from which a tube may leave by an unsafe end: of clear (cells,) uint8, in
-    place; faces (2, ndim): these ends, infinite for others. The rest as for `mark_collisions`.
+    place; faces (2, ndim): these ends, infinite for others. tubes, places, layout : as for `mark_collisions`.
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
@@ -592,8 +599,8 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
-    """`mark_exits` for chunk number `chunk` of `CHUNKS`; scratch: a cell (ndim,), and how far a cell's ends get
-    (2, ndim).
+    """`mark_exits` for chunk number `chunk` of `CHUNKS`, with its arguments; scratch: a cell (ndim,), and how far
+    a cell's ends get (2, ndim), overwritten.
     """
     (cell, far), lines, along = scratch, layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
@@ -620,8 +627,8 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
 
 @kernel(inline="always")
 def past_a_face(cell, far, faces, edges, along, others):
-    """Whether the lower or upper end of a cell, moved by far (2, ndim), is beyond a face (2, ndim) on the axis
-    `along`, or, for `others`, on one of the others.
+    """Whether the lower or upper end of a cell (ndim,), of the edges (ndim, most + 1), moved by far (2, ndim), is
+    beyond one of the faces (2, ndim) on the axis `along`, or, for `others`, on one of the others.
     """
     left = False
     for axis in range(cell.size):
@@ -636,8 +643,8 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
     """out[m, j] &= whether input j is safe from the cell some[m], (M, ndim), and leads into the set of one step less
     than ahead[m] to go; out (M, L) bool: the inputs that are asked about, in place.
 
-    clear (cells, bytes): a bit for each safe input. sets (n, R): the rows, in `pool`, of those with 0, 1, ... steps to
-    go, all later ones the last one; where there are none, inputs that are safe.
+    moves: `Moves`. clear (cells, bytes): a bit for each safe input. sets (n, R): the rows, in `pool`, of those with 0,
+    1, ... steps to go, all later ones the last one; where there are none, inputs that are safe.
     """
     scratch = np.empty((3, some.shape[1]), np.int64)
     for m in range(some.shape[0]):
@@ -655,8 +662,8 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
 
 @kernel(nogil=True)
 def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
-    """`certified_inputs` of inputs known to be safe, for cells some (M, ndim) that lie in lines along an axis but the
-    last: out (M, L) bool, in place.
+    """`certified_inputs`, with its arguments, of inputs known to be safe, for cells some (M, ndim) that lie in lines
+    along an axis (`along`) but the last: out (M, L) bool, in place.
 
     No place depends on that axis, and it has no safe ends. So from cell to cell of a line an image goes on along it,
     and only what of it is new is looked at.
@@ -689,7 +696,7 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
 
 @kernel(inline="always")
 def same_line(cell, other, along):
-    """Whether two cells (ndim,) differ on the axis `along` at most."""
+    """Whether a cell and another one, (ndim,) each, differ on the axis `along` at most."""
     for axis in range(cell.size):
         if axis != along and cell[axis] != other[axis]:
             return False
@@ -698,12 +705,13 @@ def same_line(cell, other, along):
 
 @kernel(**UNCOUNTED)
 def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
-    """out[m] &= whether the image of cell m of one line under one input is in its set: out (M,) bool, see
-    `inputs_in_lines`.
+    """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set: out
+    (M,) bool, see `inputs_in_lines`.
 
     asked: where on the axis its cells are (M,), the steps to go (M,), and from where to where an image lies there.
     shape: the rows (R,) of a slice of an image, the first one on the axis, and from where to where it lies on the last.
-    seen (n, 3): of each set the first slice that was looked at, the last one, or -2, and the last that is not in it.
+    sets, pool: as for `certified_inputs`. seen (n, 3): of each set the first slice that was looked at, the last one, or
+    -2, and the last that is not in it.
     """
     (own, ahead, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]

@@ -280,8 +280,8 @@ def _interpolated(tables, first, lookup, position, corner):
 def _gridded(lookup, places, tables, scratch, place, out, count, corners):
     """out[m] = multilinear interpolation of a table, held at its ends, at `count` points; NaN where a coordinate is.
 
-    lookup, places : its rows of `Tape`. The coordinates are the rows place[slot] of scratch. corners : two arrays that
-        are overwritten.
+    lookup, places, tables : its rows, and the array, of `Tape`. The coordinates are the rows place[slot] of scratch.
+        corners : two arrays that are overwritten.
     """
     position, corner = corners
     for m in range(count):
@@ -303,8 +303,9 @@ def work_for(slots, points):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(tape, points, parameters, out, start, stop, work):
-    """`play_part` of a tape (ints, floats, first) with the room `work` (`work_for`), which is overwritten: compiled
-    code may call it. Returns 0 where all values are finite, else NaN.
+    """`play_part`, of a tape (ints, floats, first), with the room `work` (`work_for`), which is overwritten: compiled
+    code may call it. Writes out[:, start:stop] from points (M, C) and parameters (P,). Returns 0 where all values are
+    finite, else NaN.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
@@ -346,7 +347,7 @@ def play_part(ints, floats, first, points, parameters, out, start, stop):
     """`play` of the points from start to stop, into those columns of out (K, M). Returns 0 where all values are finite,
     else NaN.
 
-    first : the place of the tape's code among the packed arrays.
+    ints, floats : packed arrays; first : the place of the tape's code among them. points (M, C), parameters (P,).
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
     return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
@@ -385,8 +386,8 @@ def _magnitudes(scratch, i, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _at_ends(op, fact, scratch, i, j, k, n, count):
-    """Rows 2 k and 2 k + 1 of `scratch`: the values of an operation at those ends of the operands where it is least and
-    greatest, not rounded outward.
+    """Rows 2 k and 2 k + 1 of `scratch`: the values of an operation, op by its number, at those ends of the operands
+    where it is least and greatest, at `count` points, not rounded outward.
 
     The operands' ends are in rows 2 i and 2 j, and the next; fact: the operation's row of what is known; n: exponent of
     `power`. The last four rows are overwritten.
@@ -482,8 +483,8 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _copy_nodes(lookup, tables, first, last, block, at):
-    """Copy a table's values at the nodes first to last (axes,), both included, into a block (nodes,), the last
-    axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
+    """Copy a table's values at the nodes first to last (axes,), both included, from `tables` into a block
+    (nodes,), the last axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
     """
     at[:], axes, place = first, lookup[0], 0
     while at[0] <= last[0]:
@@ -522,7 +523,7 @@ def _interpolate_ends(block, before, count, behind, low, high):
 @kernel(nogil=True, error_model="numpy")
 def _extremes_of_blocks(lookup, tables, first, last):
     """The least and the greatest value of a table at the nodes first to last (axes,) and some beside them: those
-    of few blocks of its `pyramid` that cover them.
+    of few blocks of its `pyramid` that cover them. lookup : its row of `Tape`; tables : the array.
     """
     axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
@@ -548,7 +549,8 @@ def _extremes_of_blocks(lookup, tables, first, last):
 @kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
     """out[0, m], out[1, m] = bounds of a table's interpolant over box m, for `count` boxes; NaN where an end is.
-    Arguments as for `_gridded`, the ends of a coordinate in rows 2 place[slot] and the next.
+    lookup, places, tables : as for `_gridded`; the ends of a coordinate are in rows 2 place[slot] and the next of
+    scratch.
 
     The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis. Of a box
     with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
@@ -603,7 +605,9 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
-    """`play_bounds` of the boxes from start to stop, into those columns of out."""
+    """`play_bounds`, with its arguments, of the boxes from start to stop, into those columns of out; tape :
+    (ints, floats).
+    """
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)

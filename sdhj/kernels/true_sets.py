@@ -39,7 +39,7 @@ def samples_for(states, inputs, count, ndim, sets):
 @kernel(**UNCOUNTED)
 def _farthest(ends, column, j, corner, axis, spacing, boxed):
     """How far segments lead along an axis, in its unit, at the point of their sum that lies farthest towards a corner
-    of the box; boxed: each of them along this axis alone.
+    of the box, distances counted in cells of `spacing` (ndim,); boxed: each of them along this axis alone.
 
     ends : as for `decide`, of input j, column of the state; corner : a bit for each axis, the first one highest.
     """
@@ -55,8 +55,8 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 @kernel(inline="always")
 def _clip_and_wrap(x, axis, lattice, faces):
-    """A coordinate clipped between the faces of a bounded axis, and moved into the period of a periodic one.
-    faces (6 ndim,): lower and upper faces, lower and upper ends, ...
+    """A coordinate x clipped between the faces of a bounded axis, and moved into the period of a periodic one, of
+    a lattice. faces (6 ndim,): lower and upper faces, lower and upper ends, ...
     """
     x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
     if lattice.periodic[axis]:
@@ -66,8 +66,10 @@ def _clip_and_wrap(x, axis, lattice, faces):
 
 @kernel(**UNCOUNTED)
 def _place_corners(at, state, j, box, lattice, faces, samples):
-    """Write to points[at:] the corners (2^ndim) of the sum of a box and segments of input j around a state, and
-    to past[at:] whether each is behind a safe end (apart: in `place_points` all boxes pay).
+    """Write to points[at:] the corners (2^ndim) of the sum of a box and segments of input j around a state, and to
+    past[at:] whether each is behind a safe end (apart: in `place_points` all boxes pay).
+
+    box : (ends, column). lattice, faces : as for `_clip_and_wrap`. samples : (points, past), in place.
     """
     (ends, column), (points, past), ndim = box, samples, state.size
     boxed = is_held(state, ends, column, j, faces[4 * ndim :])
@@ -85,6 +87,9 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
     """Write to points[at:] where planes cut the ways from the middle of the box of input j around a state to its
     corners, or these, (2^ndim), and to past[at:] whether each is behind a safe end.
+
+    box : (ends, column). normals (K, ndim) : of the planes. lattice, faces : as for `_clip_and_wrap`. samples :
+        (points, past), in place.
     """
     (ends, column), (points, past), ndim = box, samples, state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
@@ -109,11 +114,11 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, box, normals, lattice, look, samples):
-    """Write to points[at:] the points at which the true sets are evaluated for u_j from a state: the state, those on
-    the path without an adversary, and the corners; to past[at:] 1 where one is behind a safe end, from then on along
-    the path, and -1 where the path is past an unsafe one.
+    """Write to points[at:] the points at which the true sets are evaluated for input j (u_j) from a state: the state,
+    those on the path without an adversary, and the corners; to past[at:] 1 where one is behind a safe end of the
+    lattice, from then on along the path, and -1 where the path is past an unsafe one.
 
-    box : (ends, column). look : (times, faces). samples : (points, past), in place.
+    box : (ends, column). normals : of planes, or None. look : (times, faces). samples : (points, past), in place.
     """
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
@@ -167,12 +172,12 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 @kernel(nogil=True, **UNCOUNTED)
 def propose(waiting, within, states, rows, packs, ahead, out, samples):
-    """Write the input that comes next to best[rows[r]] for each r that waits, and to `samples` the points at which to
-    look for it. Returns how many still wait.
+    """Write the input that comes next to best[rows[r]], of `out`, for each r that waits, and to `samples` the points at
+    which to look for it, from `states` (M, ndim). Returns how many still wait.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-        no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores, normals) of `decide`, as the others
-        but samples, which is what `samples_for` returns.
+        no times), all inputs pass. within, rows, packs, ahead, out : as for `decide`, packs being (ints, floats) and
+        ahead (ends, scores, normals). samples : what `samples_for` returns.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, ahead
@@ -200,11 +205,11 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 @kernel(nogil=True, **UNCOUNTED)
 def heed_inputs(waiting, rows, count, under, best, samples):
     """Of sets that are unsafe under some inputs, undo in `samples`, in place, what they say of other inputs, and of the
-    state itself.
+    state itself, for so many states (`waiting`) in the queue.
 
     under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. count : points of
-    each that waits. best : the input that is looked at. What such a set says of the state is said of the first point of
-    the path in its place: the input fails, the state is not lost.
+    each that waits. best[rows[r]] : the input that is looked at. What such a set says of the state is said of the first
+    point of the path in its place: the input fails, the state is not lost.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
@@ -221,11 +226,11 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def judge(waiting, rows, checks, count, out, samples):
-    """Undo in `out` what the values in `samples`, at `count` points each, refute; note the verdicts; returns how many
-    wait for another input, which are first in the queue.
+    """Undo in `out` what the values in `samples`, at `count` points each, refute of the first `waiting` in the queue;
+    note the verdicts; returns how many wait for another input, which are first in the queue then.
 
-    What is in an unsafe set is not admissible, with `TRUE_SETS_ONLY` just its steps to go say so; what is in no target
-    has one step to go, or none any longer. An input that fails is not safe.
+    What is in an unsafe set is not admissible, with checks `TRUE_SETS_ONLY` just its steps to go say so; what is in no
+    target has one step to go, or none any longer. An input that fails is not safe. rows, out : as for `decide`.
     """
     (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
@@ -256,11 +261,11 @@ def judge(waiting, rows, checks, count, out, samples):
 
 @kernel(**UNCOUNTED)
 def evaluate(waiting, rows, packs, times, out, samples, work):
-    """Play the unsafe sets at the points of all that wait, and the target where it matters, into `samples`; whether all
-    values are finite.
+    """Play the unsafe sets at the points of all that wait (`waiting`), and the target where it matters, into `samples`;
+    whether all values are finite.
 
-    work : see `work_for`; the others as for `propose`. The type of a constant is the constant, and all that is played
-        would be compiled for it anew: hence `np.int64`.
+    times : of the points; work : see `work_for`; rows, packs, out : as for `propose`. The type of a constant is the
+        constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
     (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0

@@ -81,8 +81,8 @@ class LookupScratch(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
-    """Fewest n in 0..most whose interpolated tube, entry first + n, is <= 0, or -1. Tubes grow with n: bisection.
-    index, weight, count: nodes around the state, of `corners`.
+    """Fewest n in 0..most whose interpolated tube, of entry first + n of `stored_tubes`, is <= 0, or -1. Tubes
+    grow with n: bisection. index, weight, count: nodes around the state, of `corners`.
     """
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
@@ -111,7 +111,7 @@ def _marked_by_all(marks, place, index, count, marked):
 
 @kernel(**UNCOUNTED)
 def _gather(values, state, column, order, lattice, scratch):
-    """Copy flat `values` (size,) at the nodes that the box hull[column] around a state touches to
+    """Copy flat `values` (size,) at the nodes of the lattice that the box hull[column] around a state touches to
     scratch.values[rest[0]:], the axis order[0] slowest; sets begin, rest and offsets of `scratch`.
     """
     offsets, rest = scratch.offsets, scratch.rest
@@ -157,7 +157,7 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
 @kernel(**UNCOUNTED)
 def _spread(ends, column, j, axis):
     """How far the segments of input j lead along an axis, all of them, to either side: sum of |half|; ends as for
-    `decide`.
+    `decide`, of the state in this column.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -182,8 +182,11 @@ def is_held(state, ends, column, j, held):
 
 @kernel(**UNCOUNTED)
 def _count_points(state, ends, column, lattice, scratch):
-    """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is
-    taken; returns the most that the sums of an input have.
+    """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken;
+    returns the most that the sums of an input have.
+
+    state (ndim,); ends, as for `decide`, of the state in this column: points are no farther apart than half a cell of
+    the lattice.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -203,7 +206,8 @@ def _count_points(state, ends, column, lattice, scratch):
 @kernel(**UNCOUNTED)
 def _write_boxes_at_point(point, ends, column, scratch):
     """Write to scratch.moved[:2] the boxes of all inputs around the point with this number of the sum of their
-    segments; around the whole of a segment where its box is taken.
+    segments; around the whole of a segment where its box is taken. ends, as for `decide`, of the state in this
+    column.
     """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
@@ -226,7 +230,8 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
     """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis for each input, 0
     where its box is taken; returns the last axis that a plane is not parallel to, and the most slabs of an input.
 
-    Along that last axis there is one.
+    Along that last axis there is one. state (ndim,); ends, as for `decide`, of the state in this column; normals (K,
+    ndim); slabs are a quarter of a cell of the lattice thick.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -250,7 +255,8 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
 def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
     """Write to moved[:2] the boxes of all inputs around the slab with this number of what lies between their planes.
 
-    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_count_slabs`.
+    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_count_slabs`;
+    ends, normals, column, lattice: as there.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -309,10 +315,11 @@ def _worst_values(values, state, box, normals, space, out):
 @kernel(**UNCOUNTED)
 def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
     """Raise out[j] to the maximum over the box of input j around a state of the interpolated values that `_gather`
-    copied; in place.
+    copied to scratch; in place.
 
-    The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
-    unsafe end has +inf, one that is past a safe end with all it has -inf.
+    The maximum is taken axis by axis, in this order, as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box
+    that goes past an unsafe end of the lattice has +inf, one that is past a safe end with all it has -inf. ends, as for
+    `decide`, of the state in this column.
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -334,8 +341,8 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 @kernel(**UNCOUNTED)
 def _depths(stored_tubes, state, box, normals, space, out):
-    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j from a state, CENTRE times that
-    at its centre. Arguments as for `_worst_values`.
+    """out[j] = (1 - CENTRE) times the largest value of the game of `stored_tubes` in the box of input j from a state,
+    CENTRE times that at its centre. box, normals, space : as for `_worst_values`.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
@@ -354,8 +361,9 @@ def _depths(stored_tubes, state, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def _hazard(stored_tubes, step, j, scratch, still, moving):
-    """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one,
-    whose nodes around the state are the first `still` and `moving` in `scratch`.
+    """The interpolated avoid tube of input j over the interval from a step, <= 0 where it is safe: the larger of
+    the static and the moving one of `stored_tubes`, whose nodes around the state are the first `still` and
+    `moving` in `scratch`.
     """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
@@ -364,8 +372,9 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 
 @kernel(**UNCOUNTED)
 def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
-    """Write safe[j] from marks, margins and avoid tubes, and return the best input by depth: of the safe ones;
-    where none is, the one whose larger of depth and avoid tube is least; see `notebooks/site/queries.md`.
+    """Write safe[j] for a state at a step from marks, margins and the avoid tubes of `stored_tubes`, and return
+    the best input by depth: of the safe ones; where none is, the one whose larger of depth and avoid tube is
+    least; see `notebooks/site/queries.md`. margin, safe, depth (L,); scratch.marked and lattice are read.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -393,10 +402,10 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
 
 @kernel(**UNCOUNTED)
 def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
-    """Write to `out` (as for `decide`) the answers for the state states[m] by the tubes alone, without the look at the
-    true sets.
+    """Write to `out` (as for `decide`) the answers for the state states[m] by `stored_tubes` alone, without the look at
+    the true sets.
 
-    when : (step, within). box : (ends, column). space : (order, lattice, scratch).
+    when : (step, within). box : (ends, column). normals : as for `decide`. space : (order, lattice, scratch).
     """
     (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
@@ -424,7 +433,8 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
 @kernel(**UNCOUNTED)
 def hull_of(ends, column, spacing, hull):
     """Write to hull (2, ndim) the box that holds those of all inputs, segments included; returns how many nodes
-    it can touch at most, with one more on each axis.
+    it can touch at most, with one more on each axis. ends, as for `decide`, of the state in this column; spacing
+    (ndim,) of the nodes.
     """
     size = 1.0
     for axis in range(ends.shape[2]):
@@ -440,8 +450,8 @@ def hull_of(ends, column, spacing, hull):
 
 @kernel(**UNCOUNTED)
 def hazards(stored_tubes, step, state, lattice, scratch, out):
-    """out[j] = the interpolated avoid tube of u_j at a state (ndim,) over the interval from a step, <= 0 where
-    u_j is safe; index and weight of `scratch` are overwritten.
+    """out[j] = the interpolated avoid tube of u_j, of `stored_tubes`, at a state (ndim,) on the lattice over the
+    interval from a step, <= 0 where u_j is safe; index and weight of `scratch` are overwritten.
     """
     still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
@@ -451,7 +461,7 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
 
 @kernel(inline="always")  # as its caller counts references, or does not
 def unpacked_lattice(ints, floats):
-    """The `Lattice` whose arrays are the first nine of the packed ones."""
+    """The `Lattice` whose arrays are the first nine of the packed ones, ints and floats."""
     lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
     periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
     left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
@@ -460,8 +470,8 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A new `LookupScratch` for so many hulls (`columns`), inputs, nodes of a block (`size`) and segments, and
-    with these walls.
+    """A new `LookupScratch` for so many hulls (`columns`), axes, inputs, nodes of a block (`size`) and segments,
+    and with the walls `held`.
     """
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
@@ -476,7 +486,8 @@ def working_room(columns, ndim, inputs, size, segments, held):
 def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
 
-    states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
+    states (M, ndim); ints, floats, static, moving: what is packed and stored as for `decide`; out (M, L). Coordinates
+    must be finite.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
@@ -488,8 +499,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, scratch, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `corners` and `weighted`, but in loops
-    that vectorise. scratch : arrays that are overwritten, see `tube_values`.
+    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,) on the lattice, as by `corners` and
+    `weighted`, but in loops that vectorise. scratch : arrays that are overwritten, see `tube_values`.
     """
     (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size
@@ -516,7 +527,8 @@ def _interpolated(where, row, tubes, lattice, scratch, found):
 def tube_values(points, places, tubes, ints, floats, out):
     """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 
-    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite.
+    points (M, V, ndim), places (M,), tubes (T, size), ints and floats, in which a lattice is packed, out (M, V).
+    Coordinates must be finite.
     """
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)

@@ -35,8 +35,8 @@ class AvoidRows(NamedTuple):
 
 @_inlined
 def _write_reach_row(out, reach_sets, j, row):
-    """Write row number `row` of the reach set of the j-th of the inputs at hand to out (B + PAST,): see
-    `add_inputs`.
+    """Write row number `row` of the reach set of the j-th of the inputs at hand, made of `reach_sets`, to out (B
+    + PAST,): see `add_inputs`.
     """
     if len(reach_sets) == 5:
         _write_minimum_row(out, reach_sets, j, row)
@@ -47,8 +47,8 @@ def _write_reach_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_maximum_row(out, values, leaves, j, row):
-    """Write row number `row` of the maximum over intervals that `leaves` describe for the j-th input to out (B,):
-    see `add_inputs`.
+    """Write row number `row` of the maximum of `values` over intervals that `leaves` describe for the j-th input
+    to out (B,): see `add_inputs`.
     """
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
@@ -58,8 +58,9 @@ def _write_maximum_row(out, values, leaves, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_minimum_row(out, reach_sets, j, row):
-    """Write row number `row` of the minimum of the pieces of the j-th input to out (B + PAST,), line by line, in
-    whole vectors: what is written beyond a line's end is overwritten by the next.
+    """Write row number `row` of the minimum of the pieces in `reach_sets` of the j-th input to out (B + PAST,),
+    line by line, in whole vectors: what is written beyond a line's end is overwritten by the next. See
+    `add_inputs`.
     """
     values, begin, at, width, nodes = reach_sets
     lines = (out.size - PAST) // nodes
@@ -89,8 +90,8 @@ def _write_minimum_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _raise_row(out, bound, highest, level):
-    """Raise a row in place to a bound of as many nodes, of which `highest` is the greatest, and return `level`; where
-    the bound has one value only, leave the row and return the greater of that and `level`.
+    """Raise a row, out (B,), in place to a bound of as many nodes, of which `highest` is the greatest, and return
+    `level`; where the bound has one value only, leave the row and return the greater of that and `level`.
 
     A bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
     """
@@ -123,7 +124,9 @@ def _join(tube, marks, reach_sets, levels):
 
 @kernel(**UNCOUNTED)
 def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
-    """`add_inputs` for one row and the inputs in range(*which); scratch: eight rows and eight levels, overwritten."""
+    """`add_inputs`, with its arguments, for one row and the inputs in range(*which); scratch: eight rows (8, B +
+    PAST) and eight levels, overwritten.
+    """
     (found, levels), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
@@ -151,6 +154,7 @@ def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which)
         (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
         values, and of them at[p, i] belong to line i of the grid.
+    avoid_rows : the `AvoidRows`.
     which : the rows that are written.
     """
     rows, size = which.size, tube.shape[1]

@@ -102,8 +102,10 @@ def cells_near(states, cells, slack, rows, near):
 
 @kernel(nogil=True)
 def fewest_of_cells(some, cells, index, pool, out):
-    """out[m] = the number of the first of n nested sets that holds the cell some[m], (M, ndim), n where none
-    does; index, pool as for `fewest_steps`.
+    """out[m] = the number of the first of n nested sets that holds the cell some[m], (M, ndim), of `cells` (`Cells`), n
+    where none does.
+
+    index (n, R), pool (B, W): the numbers of the blocks of each row of the sets, and the blocks.
     """
     for m in range(some.shape[0]):
         row, bit = row_and_bit(some[m], cells)

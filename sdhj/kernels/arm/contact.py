@@ -61,6 +61,8 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
 
     `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
     part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each axis.
+
+    arm (3,): see `link_points`. agent: an `Agent`. scratch: a `LinkScratch`. block (W,) uint64: the cells, as bits.
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
@@ -77,7 +79,8 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
     cell of the joints.
 
     moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints
-    out : (n1, n2, W) uint64, overwritten
+    arm (3,), agent : see `link_points`; an `Agent`
+    out (n1, n2, W) uint64 : overwritten
     """
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
@@ -111,6 +114,8 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
     """A word with those of the `wanted` steps (bits) in which the arm, its joints within scratch.ends, may meet a disk.
 
     The disks are within a time `near`, s, of where they are at the instant with this number in `Disks.centres`.
+
+    disks: `Disks`. arm (3,): see `link_points`.
     """
     met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
@@ -139,6 +144,8 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
 
     The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that is
     there, halving would not help. wanted (depth + 1,) is scratch: the steps that each level has to decide.
+
+    disks: `Disks`. arm (3,): see `link_points`. scratch: a `LinkScratch`.
     """
     blocked, deep, here = np.uint64(0), 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
@@ -171,6 +178,8 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
 
     ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least and
     the greatest. out (steps, L, n1, n2) bool, overwritten.
+
+    disks: `Disks`. arm (3,): see `link_points`.
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
@@ -193,7 +202,8 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
 def tips_within(moves1, moves2, radius, arm, agent, out):
     """Write the cells of all four axes whose every tip is within `radius`, m, of wherever the agent of its cell may be.
 
-    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. out (n1, n2, W) uint64, overwritten.
+    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. arm (3,) : see `link_points`. agent : an
+    `Agent`. out (n1, n2, W) uint64, overwritten.
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
@@ -224,6 +234,8 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
 def image_certified(cell, j, motion, cells, index, pool):
     """Whether the cells that cover the image of a cell (4,) under input j are all in the set with blocks
     pool[index], of which block 0 is the empty one.
+
+    motion: an `ArmMotion`. cells: `Cells`. index (n1 n2,), pool (B, W): the blocks of the set.
     """
     x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
     x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
@@ -246,10 +258,10 @@ def image_certified(cell, j, motion, cells, index, pool):
 @kernel()
 def pursuer_meets(cell, j, motion, scratch, block):
     """Whether the pursuer of a cell (4,) can touch the arm under input j: what `pursuer_clear` says, for one cell.
-    block : scratch.
 
     Half the margin of `pursuer_clear` is enough, and makes sure that a difference in rounding between the two never
-    takes from a certified cell the input it was certified with.
+    takes from a certified cell the input it was certified with. motion: an `ArmMotion`. scratch, block: a `LinkScratch`
+    and (W,) uint64, overwritten.
     """
     agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
@@ -279,6 +291,8 @@ def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
 
     It keeps clear of the disks and the pursuer and leads into the set of one step less; sets, pool as for
     `certified_inputs`.
+
+    cells: `Cells`. motion: an `ArmMotion`.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)

@@ -84,8 +84,8 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
 
 @kernel()
 def joint_moves(ends, slow, fast, delta, parts):
-    """`joint_ends` of every cell of one joint, ends (n, 2), in each of `parts` equal parts of an interval of
-    delta s; (n, parts, 6).
+    """`joint_ends` of every cell of one joint, ends (n, 2), at velocities in [slow, fast], in each of `parts`
+    equal parts of an interval of delta s; (n, parts, 6).
     """
     out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
@@ -164,7 +164,7 @@ def box_of(x, y, n):
 
 @kernel(forceinline=True)
 def hull_distance(px, py, size, scratch):
-    """Distance from the point (px, py) to the hull of `convex_hull`, of `size` corners; 0 inside."""
+    """Distance from the point (px, py) to the hull that `convex_hull` left in scratch, of `size` corners; 0 inside."""
     hull_x, hull_y = scratch.hull_x, scratch.hull_y
     best = np.inf
     inside = size > 2
@@ -223,7 +223,9 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
 
 @kernel(inline="always")
 def piece_height(pieces, at, xq, radius):
-    """Height over xq, times the sign of its chain, of piece number `at` of `thick_chain`."""
+    """Height over xq, times the sign of its chain, of the piece number `at` of those of `thick_chain`, an edge or
+    an arc of this radius.
+    """
     off = xq - pieces[at, 2]
     slope = pieces[at, 1]
     if slope == slope:
@@ -233,11 +235,12 @@ def piece_height(pieces, at, xq, radius):
 
 @kernel(forceinline=True)
 def touch_cells(size, radius, growth, agent, rows, scratch, block):
-    """Set the bits of the cells which, grown by `growth` on each side, meet the hull thickened by `radius`. In place.
+    """Set the bits of the cells of the agent which, grown by `growth` on each side, meet the hull thickened by
+    `radius`, m. In place: block (W,) uint64.
 
-    The hull is that of `convex_hull`. Only the rows of cells rows[0] <= x < rows[1] are looked at. The part of a convex
-    shape over a strip has its highest point over the point of the strip nearest to the shape's top, so one height of
-    each boundary decides a row of cells.
+    The hull is that which `convex_hull` left in scratch, of `size` corners. Only the rows of cells rows[0] <= x <
+    rows[1] are looked at. The part of a convex shape over a strip has its highest point over the point of the strip
+    nearest to the shape's top, so one height of each boundary decides a row of cells.
     """
     hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner
