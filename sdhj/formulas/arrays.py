@@ -322,7 +322,9 @@ def _with_entries(value: Any) -> Any:
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """An object array of nodes or numbers, a single one, or lists of such, as traced arrays of a type."""
+    """The answer of a NumPy function, an object array of nodes or numbers, a single one, or lists of such, as
+    traced arrays of this dtype.
+    """
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
@@ -494,8 +496,8 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """By NumPy's ufunc, the function that makes the node of its operation: of those of truth values, or of the
-    others.
+    """By NumPy's ufunc, the function that makes the node of its operation: of those of truth values (`truths`),
+    or of the others.
     """
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
@@ -587,8 +589,8 @@ def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors, along one axis or of all entries: the 1-, 2- and maximum norm; `NotTraced`
-    for others.
+    """numpy.linalg.norm of vectors x, along one axis or of all entries: the 1-, 2- and maximum norm (`ord`);
+    `NotTraced` for others.
     """
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))

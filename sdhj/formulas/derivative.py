@@ -22,7 +22,7 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
-    """The derivatives d output / d by of some nodes, as nodes; `by` is a coordinate or a parameter."""
+    """The derivatives of some nodes (`outputs`) by a coordinate or parameter `by`, as nodes."""
     found: Found = {}
     for one in ordered(outputs):
         if one is by:
@@ -47,7 +47,7 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
 
 
 def _derived(one: Node, found: Found) -> Node:
-    """The derivative of a node along a line, by the chain rule from `found`, those of its operands."""
+    """The derivative of a node along a line, by the chain rule from those of its operands, which are in `found`."""
     slopes = [found[arg] for arg in one.args]
     if one.op == "where":
         return _branches(one, slopes, found)
@@ -94,8 +94,9 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
-    """The derivative of `where`: of the branch that is taken, `slopes` being those of condition and branches.
-    Undefined where the condition may change, unless the branches meet there.
+    """The derivative of a node `where`: of the branch that is taken, `slopes` being those of condition and
+    branches, found : of all nodes below. Undefined where the condition may change, unless the branches meet
+    there.
     """
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])

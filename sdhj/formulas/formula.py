@@ -135,8 +135,8 @@ class Formula(Remembering):
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """Lower and upper bounds of the values over boxes (M, coordinates) and intervals of the parameters: both (M,
-        *shape), by interval arithmetic, rounded outward.
+        """Lower and upper bounds of the values over boxes from low to high, (M, coordinates) each, and intervals of the
+        parameters: both (M, *shape), by interval arithmetic, rounded outward.
 
         -inf and inf where it may be undefined somewhere in the box.
         """
@@ -270,8 +270,8 @@ class Formula(Remembering):
 
 
 def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
-    """The seven arrays of a `Tape`, in its order, that computes some nodes; a slot is used again once nothing
-    more reads it.
+    """The seven arrays of a `Tape`, in its order, that computes some nodes (`outputs`); a slot is used again once
+    nothing more reads it.
     """
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
@@ -340,8 +340,8 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
-    """A formula from the lines of its text and the tables that these look up; ValueError where they are none, see
-    `parsed`.
+    """A formula of so many coordinates and parameters, with results of this shape, from the lines of its text and
+    the tables that these look up; ValueError where they are none, see `parsed`.
     """
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 

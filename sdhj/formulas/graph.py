@@ -109,7 +109,9 @@ class Node:
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
-    """The one node with these parts: the same object each time, not simplified."""
+    """The one node of operation `op` with these operands (args) and this value: the same object each time, not
+    simplified.
+    """
     key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
     if found is None:
@@ -128,8 +130,8 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
-    """The node of coordinate ("x") or parameter ("p") number `index`; row: of which point, while a function is
-    traced.
+    """The node of coordinate (kind "x") or parameter (kind "p") number `index`; row: of which point, while a
+    function is traced.
     """
     return interned(kind, (), (index, row))
 
@@ -150,7 +152,7 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """The node of an operation on nodes, or of the constant `value`, simplified where that changes neither a
+    """The node of operation `op` on nodes, or of the constant `value`, simplified where that changes neither a
     value nor where it is undefined. value : also the exponent of "power".
     """
     if not args:
@@ -212,5 +214,5 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
-    """The indices of the coordinates ("x") or parameters ("p") that nodes read."""
+    """The indices of the coordinates (kind "x") or parameters (kind "p") that nodes (`outputs`) read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}

@@ -36,7 +36,9 @@ def _taking_lists(original: Any) -> Callable[..., Any]:
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array of a traced array or of a list of some; without `copy` it may be the array itself."""
+    """numpy.array of a traced array or of a list of some, of that dtype, by default its own; without `copy` it
+    may be the array itself.
+    """
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 

@@ -95,13 +95,15 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """A velocity, a function of v (2,), as one of the K components w along the sides: v = `directions` @ w."""
+        """The `given` velocity, a function of v (2,), as one of the K components w along the sides: v =
+        `directions` @ w.
+        """
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
     def in_polar(self, given: Any) -> tuple[Any, Any]:
-        """A velocity of v as one of (a, b), where v = a (cos b, sin b), and the bounds of these, (radius, pi / 2): an
-        array, or a function where the radius is one.
+        """The `given` velocity of v as one of (a, b), where v = a (cos b, sin b), and the bounds of these,
+        (radius, pi / 2): an array, or a function where the radius is one.
         """
         velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
@@ -125,8 +127,8 @@ class Ball:
 
 
 def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """A velocity, a function that may take v, as one of other components: `disturbance` makes the list of v's
-    components of them. What does not take v is returned as it is.
+    """The `given` velocity, a function that may take v, as one of other components: `disturbance` makes the list
+    of v's components of them. What does not take v is returned as it is.
     """
     takes = arguments("velocity", given)
     if "v" not in takes:

@@ -38,10 +38,10 @@ def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
     """The arrays taps, weight, between and point of `Leaves`, for the intervals [x + low, x + high] around each node x
-    of an axis, or of a window of it; `spans` has (low, high) of each, in cells.
+    of an axis of so many nodes, or of a window of it; `spans` has (low, high) of each, in cells.
 
     At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. limited : whether
-    interpolation has the limited second difference, else it is linear.
+    interpolation has the limited second difference, else it is linear; dtype : of the weights.
     some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
         off than the window's ends is taken from there.
     """

@@ -152,8 +152,8 @@ METER: ContextVar[Meter | None] = ContextVar("METER", default=None)
 
 
 def begin(cost: Callable[[], Cost | None], endless: bool = False) -> None:
-    """Tell the meter of this context, if there is one, what a solve costs: `cost()`, which is called only then; see
-    `Meter.begin`.
+    """Tell the meter of this context, if there is one, what a solve costs: `cost()`, which is called only then.
+    endless : whether it has no number of steps. Raises what `Meter.begin` does.
     """
     if (meter := METER.get()) is not None:
         meter.begin(cost(), endless)

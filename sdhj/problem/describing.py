@@ -45,13 +45,13 @@ def arrays_of(problem: Statement) -> dict[str, FloatArray]:
     return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
-def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of what the head of a file says of a problem (its entries `TOLD`, names included) and of
-    its arrays, compared as float64.
+def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256, hexadecimal, of what the head of a file says of a problem (its entries `TOLD`, names included)
+    and of its arrays, compared as float64.
 
     The error of measurements may be stated once for all axes. Two problems with one digest have one table.
     """
-    said: dict[str, Any] = {name: told[name] for name in TOLD}
+    said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:
         error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
         said["sensing"] = said["sensing"] | {"error": error}

@@ -238,7 +238,9 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """gain_{id} |bounds_d| at points (M, ndim), (M, L, ndim, D): the gain for a disturbance in [-1, 1]."""
+    """gain_{id} |bounds_d| at points (M, ndim), (M, L, ndim, D): the gain for a disturbance in [-1, 1]; gain and
+    bounds are formulas.
+    """
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
@@ -597,8 +599,8 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """`range` where drift or gain is a black box: its declared bounds, plus the least and greatest products of gain
-        and v, rounded outward.
+        """`range` where drift or gain is a black box, with its arguments: its declared bounds, plus the least and
+        greatest products of gain and v, rounded outward.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])

@@ -71,8 +71,8 @@ def _lines(path: Path) -> list[str]:
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
-    """Raise MemoryError if `what` needs more bytes than are `available`; the message says how much and gives the
-    remedy.
+    """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`; the message says how much and gives
+    the remedy.
 
     Up to `SPARE` bytes nothing is checked.
     """

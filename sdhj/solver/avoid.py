@@ -57,10 +57,11 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
-    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid).
+    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), by the `games`
+    unless the former solve has them.
 
-    inside : where its nodes are on the grid that is played on. former : the solve before, which may have them, and in
-    which they are kept for the next one. Inputs under which the set is not unsafe have -inf.
+    inside : the index of its nodes in the tubes that the games return. former : an earlier solve, in which these are
+        kept for the next one, too. Inputs under which the set is not unsafe have -inf.
     """
     found = former.tube(danger, step) if former else None
     if found is None:

@@ -111,8 +111,8 @@ class Pieces(NamedTuple):
 
 
 def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """The minimum of functions on subspaces, (L, *subgrid) each, back-projected: the union of their sets on the
-    grid, a new array (L, *grid.shape). axes : of each subspace.
+    """The minimum of functions on subspaces, `pieces` (L, *subgrid) each, back-projected: the union of their sets
+    on the grid, a new array (L, *grid.shape). axes : of each subspace.
     """
     out = np.empty((len(pieces[0]), *grid.shape), pieces[0].dtype)
     for j, total in enumerate(out):
@@ -271,8 +271,8 @@ class HJIGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        """Games by Hamilton-Jacobi-Isaacs equations; `window` : counted and wanted. ValueError where the drift
-        crosses too many cells in an interval.
+        """Games by Hamilton-Jacobi-Isaacs equations that `scheme` discretises, on some axes, by default all;
+        `window` : counted and wanted. ValueError where the drift crosses too many cells in an interval.
         """
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
@@ -386,8 +386,9 @@ class HJIGames(_OnAxes):
         return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together: nodes x time steps x stages, and the calls of kernels; in the
-        moving frame of one PDE and the shifts. See `_OnAxes.operations`.
+        """The operations of all inputs together, of a reach game or an avoid game on these axes: nodes x time
+        steps x stages, and the calls of kernels; in the moving frame of one PDE and the shifts. See
+        `_OnAxes.operations`.
         """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
@@ -729,15 +730,15 @@ class HopfLaxGames(_OnAxes):
             tick(_operations(grid, moved) + A_PIECE)
 
     def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
-        """A box and segments for each input that hold all states of one of `pieces` pieces of the interval, along
-        some axes.
+        """A box and segments for each input that hold the displacements, along some axes, at all times of piece
+        number `piece` of `pieces` of the interval.
         """
         ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
         return self._displacement_sets(interval, axes, ends.tolist())
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """A box and segments for each input that hold the states, relative to where they began, at the times
-        `ends` of an interval, s from its begin, ascending; along some axes.
+        """A box and segments for each input that hold the displacements, along some axes, at the times `ends` of
+        an interval, s from its begin, ascending.
         """
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
@@ -748,8 +749,8 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, estimated from `PIECES_COUNTED` pieces of the interval. See
-        `_OnAxes.operations`; sets `crossed`.
+        """The operations of all inputs together, of a reach game or an avoid game on these axes, estimated from
+        `PIECES_COUNTED` pieces of the interval. See `_OnAxes.operations`; sets `crossed`.
         """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)

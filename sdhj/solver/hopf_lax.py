@@ -60,8 +60,8 @@ class Moved(NamedTuple):
 def maxima_over_sets(
     grid: Grid, values: FloatArray, moved: Moved, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` (*shape) over x + what each input leads to, some inputs at a time, in their order;
-    interpolation and wanted as for `sdhj.problem.boxes.maxima`.
+    """Yield the maxima of `values` (*shape) over x + what each input leads to (`moved`), some inputs at a time,
+    in their order; interpolation and wanted as for `sdhj.problem.boxes.maxima`.
     """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)

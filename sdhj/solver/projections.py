@@ -126,7 +126,9 @@ class ProjectedGames:
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, on all subspaces. See `_OnAxes.operations`; raises `crossed`."""
+        """The operations of all inputs together, on all subspaces, of a reach game or an avoid game on these
+        axes. See `_OnAxes.operations`; raises `crossed`.
+        """
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)

@@ -111,7 +111,8 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
+    """Fill in all entries of `sets` for so many steps (Theorem 2): rows k from the last to the first, and in a row one
+    more step to go at a time.
 
     If nothing depends on time, one row is filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are
     (k, n) and (k, n - 1), and the entry is shared. A row with a shared entry may grow again, for example if the target
@@ -325,7 +326,7 @@ def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[boo
 
 
 def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """The entry (step, 0) on one slab: the target minus the unsafe sets, eroded by E, and no marks: [tube,
+    """The entry (step, 0) on a task's slab: the target minus the unsafe sets, eroded by E, and no marks: [tube,
     marks], as `arrays.write` takes them.
     """
     problem = plan.problem
@@ -336,8 +337,8 @@ def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
 
 
 def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """An entry of Theorem 2 on one slab: level-set functions united by the minimum, or without a target
-    intersected with those of a step less by the maximum, and marks: [tube, marks].
+    """An entry of Theorem 2 on a task's slab, as `arrays.write` takes it, [tube, marks]: level-set functions
+    united by the minimum, or without a target intersected with those of a step less by the maximum, and marks.
     """
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
@@ -566,8 +567,8 @@ class GridSets:
             self.shares[within] = table.fraction(within=within)
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether an entry equals the one before, bit for bit. Without a number of steps, whether its boundary
-        has settled; notes when it first crept.
+        """Whether the entry (step, within) equals the one before, bit for bit. Without a number of steps, whether
+        its boundary has settled; notes when it first crept.
         """
         if self.problem.steps is None:
             motion = self.table.motion(step, within)
@@ -578,7 +579,7 @@ class GridSets:
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
-        """Let an entry be the one with a step less to go, without solving it."""
+        """Let the entry (step, within) be the one with a step less to go, without solving it."""
         self.table.share(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)

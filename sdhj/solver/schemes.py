@@ -188,8 +188,8 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 
 
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """A new array of values (*grid.shape) as the kernels read them: with ghost nodes before and behind the last two
-    axes, and an axis of the array for each of the grid.
+    """A new array of values (*grid.shape) as the kernels read them by the layout: with ghost nodes before and
+    behind the last two axes, and an axis of the array for each of the grid.
     """
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
@@ -204,8 +204,8 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
 
 
 def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy values without their ghost nodes into the flat array `out`; padded : functions as `_padded` arranges them,
-    one behind the other.
+    """Copy values without their ghost nodes into the flat array `out`; padded : functions as `_padded` arranges
+    them by the layout, one behind the other.
     """
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
@@ -341,11 +341,11 @@ def evolve_each(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """Solve the equation of `evolve` for many inputs at once: (L, *shape).
+    """Solve the equation of `evolve` for many inputs at once, from the same `values`: (L, *shape).
 
     groups : of inputs with one number of time steps: (which they are, their velocities from `together`, that number).
     scratch : arrays that are kept for the next call: fresh memory would cost half of the time on small grids.
-    obstacle, planes : as for `evolve`.
+    duration, scheme, obstacle, planes : as for `evolve`.
     """
     out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
     for inputs, terms, steps in groups:
@@ -367,7 +367,7 @@ def _evolved(
     planes: FloatArray | None = None,
 ) -> FloatArray:
     """The solutions of `evolve` for `count` inputs, whose velocities at tau are terms(tau) as `stage` reads them:
-    (count, *shape).
+    (count, *shape). duration, scheme, obstacle, steps, planes : as for `evolve`.
 
     scratch : where arrays to work in are kept for the next call, the result among them until then; None: new ones, for
         one input. Tells the meter of each stage (`tick`).
@@ -407,8 +407,8 @@ def _evolved(
 
 
 def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
-    """Yield the layout for each stage in turn: it writes the planes that later stages read so that `planes` are right
-    in the end; all of them for None.
+    """Yield the layout for each stage of so many time steps in turn: it writes the planes that later stages read
+    so that `planes` are right in the end; all of them for None.
     """
     if planes is None:
         return repeat(layout)
@@ -434,7 +434,7 @@ def evolve_stopped(
     over durations from duration - early to duration.
 
     Nothing may depend on tau. Stopping is worth `values`, which are an obstacle for the first `early` s. steps : where
-    early is 0.
+    early is 0; velocities, scheme, obstacle : as for `evolve`.
     """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)
@@ -451,8 +451,8 @@ def _integrate(
     steps: int,
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Phi after `steps` time steps of dt with these `STAGES`, and an array that is free: phi and work are both written
-    over.
+    """Phi after `steps` time steps of dt with these `stages` (of `STAGES`), and an array that is free: phi and work are
+    both written over.
 
     euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
     result being that at `then`.

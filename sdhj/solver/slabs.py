@@ -195,8 +195,8 @@ def _most_time_steps(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -
 
 
 def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
-    """The avoid game `danger` of a problem, cut into slabs along an axis of the problem's grid: whole where its grid
-    lacks that axis, else with the halo that it needs.
+    """The avoid game `danger` of a problem, as the method plays it, cut into slabs along an axis of the problem's
+    grid: whole where its grid lacks that axis, else with the halo that it needs.
     """
     if axis not in danger.axes:
         return AvoidGame(danger)
@@ -249,8 +249,9 @@ def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatAr
 
 
 def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
-    """The part of a block with nodes `runs`, (begin, end) of each axis of a grid of shape `whole`; an end past the
-    upper one of a periodic axis goes on at its lower one, where pieces are joined to a copy.
+    """The part of a block (a place of an array, by its name) with nodes `runs`, (begin, end) of each axis of a
+    grid of shape `whole`; an end past the upper one of a periodic axis goes on at its lower one, where pieces are
+    joined to a copy.
     """
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:
