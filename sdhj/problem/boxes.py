@@ -208,8 +208,8 @@ def maximum_over_boxes(
 
 
 def crossings(half: FloatArray) -> FloatArray:
-    """Points of the segment from -half to half, half (ndim,) in cells: its ends, and where it crosses planes of nodes
-    if it begins at one: (P, ndim), in this order.
+    """Points of the segment from -half to half around a node, half (ndim,) in cells: its ends, and where it
+    crosses planes of nodes: (P, ndim), along the segment.
     """
     each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
     shares = np.concatenate([[-1.0, 1.0], *each])

@@ -150,7 +150,7 @@ class Interval:
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """The time at which the interval ends, s: begin + delta."""
         return self.begin + self.delta
 
     @cached_property
@@ -403,8 +403,9 @@ class Interval:
         """Lower and upper corners at the end, relative to the states (M, ndim), of what the drift and those components
         of v that move one axis add: both (M, L, ndim), or (1, L, ndim) where velocities do not depend on the state.
 
-        Without black-box bounds: the drift by the midpoint rule, and around it delta times the greatest deviation by v
-        at the begin, and if anything depends on time in the middle and at the end.
+        Exact there; else the drift by the midpoint rule, and around it delta times the greatest deviation by v, at the
+        begin and, if anything depends on time, in the middle and at the end. `begin` is the time, s, at which the
+        interval begins.
         """
         dynamics = self.dynamics
         if dynamics.stateless:

@@ -254,14 +254,14 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion.
+        """How much the projections lose, before the recursion; plays no game.
 
         Returns
         -------
         dict
-            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection
-            (a share; the largest over the steps). "free": for each unsafe set that had to be projected, the largest
-            share of a subspace outside its outer projection.
+            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection (a
+            share; the largest over the steps). "free": for each unsafe set that had to be projected, by its name, the
+            largest share of a subspace outside its outer projection.
         """
         games, problem = self.games, self.problem
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
