@@ -33,7 +33,9 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace that is under way in this thread, with what it has refused."""
+    """The trace that is under way in this thread, each thread having its own: its number, what it has refused,
+    and how many entries it has computed.
+    """
 
     trace: int | None = None  # its number: arrays of another trace do not belong in it
     refused: list[tuple[str, str]]  # what, and where

@@ -40,7 +40,9 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 @dataclass(frozen=True, eq=False)
 class Formula(Remembering):
-    """A function as an expression graph, called with points (M, coordinates) and its parameters."""
+    """A function as an expression graph: it is called with points (M, coordinates) and parameters, bounded over
+    boxes (`bounds`), asked what it reads (`reads`, `timed`), and pickled as text.
+    """
 
     outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
     coordinates: int  # how many it is a function of

@@ -321,8 +321,8 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
 
 
 def depths(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body at rest in its own frame, without its radius, (M,): minus the signed
-    distance, negative outside.
+    """How deep points (M, 2) lie in a body in its own frame, its radius left out, (M,): minus the signed
+    distance, so negative outside.
     """
     if len(body.vertices) < 3:
         x, y = points.T

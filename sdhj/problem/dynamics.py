@@ -259,7 +259,10 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, what `Dynamics.read` returns."""
+    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, what `Dynamics.read` returns. It
+    evaluates velocities (`velocity_at`), bounds them (`range`, `extremes`), and says what they depend on
+    (`reads`, `pushes`, `timed`).
+    """
 
     inputs: FloatArray  # (L, m)
     ndim: int

@@ -379,7 +379,7 @@ class UnsafeSet:
 
 
 class Solved(Protocol):
-    """A table, as the target of another problem sees it."""
+    """A table, as the target of another problem sees it: its problem and grid, and its tubes as level-set functions."""
 
     @property
     def grid(self) -> Grid:

@@ -24,7 +24,7 @@ MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's
 
 
 class Danger(NamedTuple):
-    """An avoid game: of one unsafe set, or of the unsafe ends of one axis.
+    """What an avoid game is played against: one unsafe set, or the unsafe ends of one axis.
 
     axes : the problem's axes on which its tubes depend, ascending.
     moves : whether the tubes differ from step to step.

@@ -186,7 +186,9 @@ class ObstacleFunction:
 
 
 class _OnAxes:
-    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
+    """Base of the games of a problem's intervals on some axes; other coordinates that enter the velocities are
+    disturbances (App. A.4). A method has `grouped_reach_sets`, `operations` and `each_tube`, or `tubes`; `reach` and
+    `avoid` follow.
 
     counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
     wanted : by the axis, where in a window the nodes are that are needed.

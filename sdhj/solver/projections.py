@@ -94,8 +94,10 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 
 
 class ProjectedGames:
-    """Games 2 and 3 on a collection of subspaces, back-projected and united: inside the true ones. `inner(axes)`
-    makes the games of one subspace.
+    """Games 2 and 3 on a collection of subspaces, back-projected and united: inside the true ones.
+
+    problem, subspaces : the axes that each keeps. inner(axes) makes the games of one. `free` has, of each unsafe set
+        that was projected, the largest share of a subspace that its projection leaves free.
     """
 
     def __init__(

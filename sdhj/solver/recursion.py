@@ -429,7 +429,9 @@ class GridMethod(Protocol):
 
 
 class Slabs(NamedTuple):
-    """How a solve is cut into slabs, where these come from and go to, and who works on them."""
+    """How a solve is cut into slabs (`plan`), where arrays lie, who does the tasks, and who is told of slabs that
+    are done.
+    """
 
     plan: Plan
     arrays: Memory | Store | None = None  # by default in memory

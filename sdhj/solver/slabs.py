@@ -31,7 +31,9 @@ from sdhj.table.store import Arrays, Runs, Shapes, Slab
 
 
 class AvoidGame(NamedTuple):
-    """An avoid game as it is cut into slabs."""
+    """How a danger's avoid game is played slab by slab: along which axis its grid is cut, where the problem's
+    nodes begin on it, and how many nodes beside a slab are played on, too.
+    """
 
     danger: Danger
     axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
@@ -42,7 +44,8 @@ class AvoidGame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All that solving a slab takes beside its arrays; it is sent to other processes, without `kept`.
+    """How a solve is cut into slabs, and what games are played on them: all that solving a slab takes beside its
+    arrays. It is sent to other processes, without `kept`, what one process needs time and again.
 
     make : creates the games of one interval, as `sdhj.HJI.on` does.
     """
@@ -117,7 +120,9 @@ class Plan:
 
 
 class Task(NamedTuple):
-    """One array's part that is to be computed on one slab. Places are those of tubes among the stored ones."""
+    """What is to be computed and written on one slab: a tube (k, n), the target's entry (k, 0), or the avoid
+    tubes of a step. Places are those of tubes among the stored ones.
+    """
 
     kind: str  # "goal", "extend", "avoid_static" or "avoid_moving"
     step: int
