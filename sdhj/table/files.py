@@ -94,7 +94,9 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """An empty file in the folder of `path`, deleted at the end."""
+    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end; OSError, with
+    what to do, if it cannot be made.
+    """
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     TEMPORARIES.add(temporary)
     try:
@@ -110,14 +112,20 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: Named) -> Path:
-    """The path of a file; OSError, with what to do, if it cannot be written. Its folder must exist."""
+    """The path of a file, links followed; OSError, with what to do, if it cannot be written. Its folder must exist.
+
+    ValueError if `path` is no name. Nothing is left in the folder by trying.
+    """
     path = _regular(path)
     probed(path.parent, path.name)
     return path
 
 
 def _regular(path: Named) -> Path:
-    """The file that a name refers to, links followed; OSError if the name is that of something else than a file."""
+    """The path that a name refers to, links followed: of a regular file, or of nothing yet.
+
+    ValueError if `path` is no name, OSError if it is that of a folder, a device or a pipe.
+    """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
@@ -224,7 +232,7 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
 
 
 def fits(found: tuple[int, ...], shape: Lengths) -> bool:
-    """Whether a shape is one of those allowed."""
+    """Whether a shape is one of those allowed: on each axis a length, or a set of lengths."""
     allowed = [one if isinstance(one, set) else {one} for one in shape]
     return len(found) == len(allowed) and all(n in some for n, some in zip(found, allowed, strict=True))
 
@@ -270,7 +278,10 @@ def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
 
 
 def _whole(path: Path, stream: BufferedReader) -> bytes:
-    """The head of a file, as text, after checking that the file's bytes are those that were written."""
+    """The head of a file, as JSON text, after checking that the file's bytes are those that were written.
+
+    stream : the file at its beginning. TableFileError for another version or a wrong digest.
+    """
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
     if version and int(version[1]) != FORMAT_VERSION:
@@ -312,7 +323,10 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
-    """The tables that formulas look up, and the values of black boxes, by name."""
+    """The tables that formulas look up and the values of black boxes in a file, by name, such as "tables/0".
+
+    ValueError where a group is none, or an array is not float64 or too large.
+    """
     found: dict[str, FloatArray] = {}
     for group in ("tables", "opaque"):
         if file.get(group, getlink=True) is None:
