@@ -40,7 +40,7 @@ class Bounds:
     vertices: FloatArray | None = None
 
     def input(self, j: int) -> int:
-        """Which of the problem's inputs it is."""
+        """The problem's input of u_j: j itself, or with vertices j // V."""
         return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -62,13 +62,15 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
+        """Least and greatest value of a set's level-set function in boxes of its axes (M, axes) and in [t0, t1]: (2,
+        M).
+        """
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 
     def _level(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """`level`, of a function of some axes."""
+        """`level`, for any function of some axes: least and greatest value in boxes (M, axes) and [t0, t1]: (2, M)."""
         return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
 
     def signs(
@@ -115,7 +117,7 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """`signs` of a function of some axes; 0 in boxes that are not asked for and whose tile has two signs."""
+        """`signs`, for any function of some axes; 0 in boxes that are not `asked` for and whose tile leaves it open."""
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
@@ -142,9 +144,10 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """Whether a level set is <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
+        """Whether a level-set function is surely <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
 
-        Boxes for which that is open are cut in two along each axis, so often at most, and into so many pieces at most.
+        Boxes for which that is open are cut in two along each axis, `halvings` times and into `most` pieces in all at
+        most; what is open then is False.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -172,7 +175,7 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """`signs` of boxes (M, axes), cut into so many pieces at most."""
+        """`signs` of boxes (M, axes), one by one: (M,) int8; cut `halvings` times and into `most` pieces at most."""
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
             sign = _sign(self._level(axes, function, low, high, *times))
@@ -196,7 +199,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
 
 
 def _some(places: FloatArray) -> Iterator[FloatArray]:
-    """The places in runs of `BOXES`."""
+    """The places (n,), one run of at most `BOXES` of them after the other."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 
@@ -206,7 +209,11 @@ def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
-    """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
+    """Least and greatest values (2, M, ...) of a function over boxes (M, axes), where they are on the grid.
+
+    They are cut at the ends of their axes and where a periodic one closes, and `bounded` is asked about the pieces.
+    axes : of the grid, those of the boxes.
+    """
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]
     for begin in range(0, len(low), BOXES):

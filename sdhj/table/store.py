@@ -343,7 +343,7 @@ class Store(Arrays):
         return slab in self.entered
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """Add a line for a finished slab to the ledger on disk, after a line break, should the last one be cut short."""
+        """Add a line for a finished slab to the ledger on disk; it begins anew where the last one was cut short."""
         with self._writing(), open(self.path / "ledger", "ab") as stream:
             stream.write(f"\n{slab.array} {slab.place} {slab.number} {digest}\n".encode())
             stream.flush()
