@@ -71,7 +71,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Spaces of a table's states, with the step, and of its inputs; no run has begun. ValueError as the class says."""
+        """Spaces of a table's states, with the step, and of its inputs; no run has begun yet."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])

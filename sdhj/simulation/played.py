@@ -244,7 +244,7 @@ def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
 
 
 def _emptied(table: Table, share: float) -> Finding:
-    """The finding on a tube that holds next to nothing, a `share` of the state space: a likely cause, and what helps."""
+    """The finding on a tube that holds next to nothing, a `share` of the states: a likely cause, and what helps."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.has_no_target else ", no more than the target itself" if share else ""

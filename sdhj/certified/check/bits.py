@@ -53,7 +53,7 @@ class Kept:
     """Machine code in files that begin with a digest, of it and of the sources."""
 
     def __init__(self, files: Any) -> None:
-        """Stamp compiled files with Numba's version and with the sources of this folder."""
+        """Code kept in Numba's cache `files`, stamped with Numba's version and with the sources of this folder."""
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
@@ -107,9 +107,11 @@ def any_bit(block):
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """For every block the cells (x, y) for which it holds all of along_x[x] times along_y[y]; written to `out`.
+    """Write to `out`, for every block of `pool`, the cells (x, y) for which it holds all of along_x[x] times
+    along_y[y].
 
-    Threads may share the blocks out. along_x (nx, most), along_y (ny, most) : cells, the last one repeated
+    Both are (blocks, words) uint64, and threads may share the blocks out. along_x (nx, most), along_y (ny, most) :
+    lists of cells on an axis, the last one repeated
     """
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 

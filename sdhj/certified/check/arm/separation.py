@@ -67,7 +67,11 @@ class World(NamedTuple):
 
 @compiled(**UNCOUNTED)
 def moved(part, velocity, world, box):
-    """The box of everything that can be reached from a part; the middle of one can be reached from the other's."""
+    """Write into `box` all that can be reached from a part under a velocity (2,) of the joints, by the errors of
+    states.
+
+    The middle of the box can be reached from the middle of the part.
+    """
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
         slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]  # check 4.12
@@ -135,7 +139,10 @@ def body_of(box, body, start, world):
 
 @compiled(**UNCOUNTED)
 def ahead(nx, ny, link, pose, body, turn):
-    """How far a body is at least ahead of a link along n, for everything in the box."""
+    """A lower bound on how far a body is ahead of a link along the unit vector n, for everything in the box, m.
+
+    body : as `body_of` returns it; pose, turn : as of `farthest`.
+    """
     x, y, hx, hy, move_x, move_y, bend, _ = body
     behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend  # check 4.18
     return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
@@ -176,7 +183,10 @@ def copy(source, target):
 
 @compiled(**UNCOUNTED)
 def halve(part, weights, first, second):
-    """Cut a part where it is widest, all that it bounds taken by its weight."""
+    """Cut a part in two, written into `first` and `second`, across its widest pair of bounds.
+
+    The width of the k-th pair counts weights[k] times; pairs without a weight are never cut.
+    """
     axis, widest = 0, 0.0
     for k in range(len(weights)):
         size = (part[2 * k + 1] - part[2 * k]) * weights[k]
@@ -220,7 +230,10 @@ def link_clear(link, body, part, velocity, start, world, stack):
 
 @compiled(**UNCOUNTED)
 def clear(bodies, part, velocity, start, world, stack):
-    """`link_clear` for both links and some bodies: the first of them, and the one after the last."""
+    """Whether it is proved that both links stay clear of the bodies from number bodies[0] to bodies[1] - 1.
+
+    The other arguments are those of `link_clear`.
+    """
     for body in range(bodies[0], bodies[1]):
         for link in range(2):  # check 4.17
             if not link_clear(link, body, part, velocity, start, world, stack):
@@ -299,7 +312,10 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
 
 @compiled(**UNCOUNTED)
 def sweep(j, duration, world, bench, bits):
-    """Keep of the bits only those of the agent's cells that a few directions prove clear for the whole interval."""
+    """Drop from the bits, in place, the agent's cells that a few directions do not prove clear of the arm under u_j.
+
+    From time 0 to `duration`, s, in parts, for the joints' cells of the bench.
+    """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
     for k in range(parts):  # check 4.19
