@@ -120,7 +120,7 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """`work` in a process whose threads do one task at a time, as memory is for one slab; returns what `work` does."""
+    """Do a task of a plan in a worker, whose threads wait for each other, as memory is for one slab; as `work`."""
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 

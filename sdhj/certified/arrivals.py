@@ -71,8 +71,10 @@ class Arrivals:
                 self._mark(step, start, j, places[some], last[some], free)
 
     def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
-        """`add`, for few places, at the end of the interval from one step; free : the target's axes that are no
-        place's.
+        """Set the bits of u_j in `proof.arrives` for places (M,) and the interval from one step: `add`, of few places.
+
+        All of a cell's image has to be inside the target at the interval's end. start : of the moves. last (M, ndim, 2)
+        : how far the ends of cells move. free : the target's axes that are no place's, on which all cells are asked.
         """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
         own, near = proof.cells_at(places), self._near(step)

@@ -62,15 +62,13 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest value of a set's level-set function in boxes of its axes (M, axes) and in [t0, t1]: (2,
-        M).
-        """
+        """Least and greatest value of a set's function in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 
     def _level(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """`level`, for any function of some axes: least and greatest value in boxes (M, axes) and [t0, t1]: (2, M)."""
+        """Least and greatest value of a function of some axes in boxes (M, axes) and in [t0, t1]: (2, M)."""
         return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
 
     def signs(
@@ -117,7 +115,11 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """`signs`, for any function of some axes; 0 in boxes that are not `asked` for and whose tile leaves it open."""
+        """1 where a function of some axes is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: int8.
+
+        The arguments are those of `signs`. asked : boxes that are bounded themselves; others have the sign of their
+        tile.
+        """
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
@@ -175,7 +177,11 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """`signs` of boxes (M, axes), one by one: (M,) int8; cut `halvings` times and into `most` pieces at most."""
+        """1 where a function is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: (M,) int8.
+
+        Boxes (M, axes) for which that is open are cut in two along each axis, `halvings` times and into `most` pieces
+        in all at most.
+        """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
             sign = _sign(self._level(axes, function, low, high, *times))

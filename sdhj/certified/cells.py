@@ -168,7 +168,10 @@ class CellAxis:
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
-        """`moved` on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is."""
+        """The first and last cell, from its own on, that a cell overlaps whose ends moved by low and high: two (M,).
+
+        `moved`, on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is.
+        """
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
         begin, end = edges[cell] + low, edges[cell + 1] + high

@@ -153,7 +153,7 @@ def _by_axes_alone(
 
 
 def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
-    """Of the choices of each axis the one at its place."""
+    """The cells of each axis: of its choices, `cells`, the one at its place in `places`."""
     return tuple(own[place] for own, place in zip(cells, places, strict=True))
 
 
@@ -339,8 +339,7 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
 
 
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
-    """m (ndim,): how often lines along an axis cross the boundary of a set, for each unit of length that they are
-    inside.
+    """m (ndim,): how often lines along an axis cross the boundary of a set, for each unit of length inside it.
 
     Counted between the nodes of the problem's grid, for target, unsafe sets and unsafe ends, and added up.
     left : for unsafe sets alone, and each unit of length that lines are outside
@@ -381,8 +380,7 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
-    """Seconds of one core that preparing a proof and the recursion take with these cells, by the model of constants
-    above.
+    """Seconds of one core that preparing a proof and the recursion take with these cells, by the constants above.
 
     parts : of an interval
     """

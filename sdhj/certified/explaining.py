@@ -26,10 +26,10 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """`Table.explain` for a certified table: by which obligation each input fails at the cell of a state q (ndim,).
+    """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
 
-    With sensing at a cell that it may be measured in and that is not certified. A `within` of None, or above N - step,
-    is N - step. ValueError if q or step does not fit.
+    At the state's cell, with sensing at one that it may be measured in and that is not certified. A `within` of None,
+    or above N - step, is N - step. ValueError if q or step does not fit.
     """
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
@@ -150,8 +150,7 @@ class _Cell:
         return Failure(j, "image", -len(lost) / len(cells), says)
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The cells (M, ndim) of a box from low to high (ndim,), and which are not certified in the next tube, (M,)
-        bool.
+        """The cells (M, ndim) of a box from low to high (ndim,), and which are not certified next: (M,) bool.
 
         Their numbers are counted on over the end of a periodic axis, and clipped to bounded ones.
         """
@@ -195,8 +194,7 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Advice: along which axis the cell is too wide for the nearest input, and which velocities are bounded
-        loosely.
+        """Advice: along which axis the cell is too wide for the nearest input, and what is bounded loosely.
 
         nearest : the failure of the input that comes nearest to success.
         """
@@ -223,8 +221,7 @@ class _Cell:
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
     def shortfall(self, failure: Failure, thin: FloatArray) -> float:
-        """By how much the cell still fails if it is cut to the state on the axes `thin` (ndim,) bool; >= 0 if no
-        longer.
+        """By how much the cell still fails if it is cut to the state on the axes `thin` (ndim,) bool; >= 0: not at all.
 
         By what `failure` is about: the level-set value that its tube may have, or minus how many cells of its image are
         not certified.

@@ -601,9 +601,7 @@ class Exported:
         return Loop(self, count)
 
     def selftest(self) -> int:
-        """Of how many of the `TESTS` states that are kept in the file the C says something else than Python; 0 is
-        right.
-        """
+        """Of how many of the `TESTS` states that the file keeps the C says something else than Python; 0 is right."""
         library, opened = self._opened
         library.x_selftest.restype = ctypes.c_uint32
         return int(library.x_selftest(opened))

@@ -52,8 +52,7 @@ def lattice_of(
     steps: int,
     sway: FloatArray,
 ) -> Boxes:
-    """A lattice of boxes, and how many of them may meet an unsafe set in each of some `times`, from s to s: prefix
-    sums.
+    """A lattice of boxes, and prefix sums of which of them may meet an unsafe set in each of some `times`, s to s.
 
     steps : for how many steps there will be such a lattice, which share memory. sway (ndim,) : what most tubes stick
     out of their cells to both sides; boxes are wider by it where it is less than a box more, and a tube is then looked
@@ -110,8 +109,9 @@ def shapes(
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
-    """Bytes that preparing a general proof takes at most; parts : of an interval; moves, clear : the shapes of
-    `shapes`.
+    """Bytes that preparing a general proof takes at most.
+
+    parts : of an interval. moves, clear : the shapes that `shapes` returns.
     """
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
@@ -315,8 +315,7 @@ class GeneralProof(Images):
         self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
     def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Let `mark(bits, layout)` take bits out of `clear` (cells,) uint8, once for all cells that it cannot tell
-        apart.
+        """Let `mark(bits, layout)` take bits out of `clear` (cells,) uint8, once for all cells that are alike to it.
 
         These differ only on axes that neither `axes`, those of a set, nor an image depends on. The others come in lines
         along the last of `axes` on which cells at a place differ.
@@ -359,8 +358,9 @@ class GeneralProof(Images):
         return out
 
     def goal(self, step: int) -> FloatArray:
-        """S_k^0, (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k, or at all times where
-        nothing depends on time.
+        """S_k^0, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
+
+        At all times, where nothing depends on time.
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
@@ -395,7 +395,7 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are (rows, W) uint64.
+        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are packed, (rows, W) uint64.
 
         following : S_{k+1}^{n-1}. changed : by which rows and bits it differs from S_{k+1}^{n-2}; None: all may.
         Without a target S_k^n is what of S_k^{n-1} an input takes into `following`. prepared is not used.

@@ -78,9 +78,10 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
-    """The function D: from half-widths (ndim,) of a box around a prediction to a bound (ndim,) on how far the velocity
-    at a state of the box may be from that of the prediction without an adversary, anywhere on the grid, under any
-    input.
+    """The function D of half-widths (ndim,) of a box around a prediction: how far velocities in it may be off, (ndim,).
+
+    It bounds |f(q, u, v) - f(p, u, 0)| for all predictions p, states q in the box around p, inputs u and disturbances
+    v.
     """
     calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
     grid, timed, delay, disturbed = problem.grid, problem.dynamics.timed, problem.sensing.delay, Bounds(problem)
@@ -135,7 +136,7 @@ class Proof:
         return np.zeros(len(some), np.int64)
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which of the cells (M, ndim) of the box `image` are in the image of a cell (ndim,) under u_j: all, (M,) bool."""
+        """Which cells (M, ndim) of the box `image` are in the image of a cell (ndim,) under u_j: all, (M,) bool."""
         return np.ones(len(cells), np.bool_)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
@@ -205,8 +206,7 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
 def moves_of(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Strides (ndim,), by which sum(cell * strides) is a cell's place, and the shape (starts, L, places, ndim) of
-    moves.
+    """Strides (ndim,), a cell being at the place sum(cell * strides); the shape (starts, L, places, ndim) of moves.
 
     depends : (ndim,) bool, the axes of a place
     """
@@ -311,8 +311,7 @@ class Images(Proof):
 
     @kept
     def depends(self) -> FloatArray:
-        """depends[i, k]: whether how far images lie along axis i depends on a cell's number on axis k: bool (ndim,
-        ndim).
+        """depends[i, k], bool (ndim, ndim): whether how far images lie along axis i depends on the cell along axis k.
 
         By the moves of all inputs and steps; False for axes that are no place's.
         """
@@ -361,8 +360,7 @@ class Images(Proof):
         grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:
-        """`following` (rows, W), padded on the last axis as far as images reach, so that none has to wrap or be
-        clipped.
+        """A set of cells (rows, W), padded on the last axis as far as images reach, so that none wraps or is clipped.
 
         As it is where cells there are not alike, or images reach farther than the axis is long.
         """
@@ -407,7 +405,10 @@ class Images(Proof):
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """`swept` of the cells at places (M,), which may be anywhere on the axes that no place depends on."""
+        """How far the ends of the cells at places (M,) move under u_j in the interval from `time`, s, on: as `swept`.
+
+        On the axes that no place depends on cells may be anywhere. pieces : of each part of the interval.
+        """
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
@@ -457,8 +458,7 @@ class Images(Proof):
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _off(self, start: FloatArray) -> FloatArray:
-        """By how much the state of a robot whose prediction is in boxes (2, M, ndim) may be off: E, (M, ndim) or
-        (ndim,).
+        """By how much a state may be off a prediction in boxes (2, M, ndim): E, (M, ndim) or (ndim,).
 
         Of one that remembers 0 along an axis on which the box is a layer.
         """
@@ -507,17 +507,14 @@ class Images(Proof):
         return self._held(start, after)
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved`, in place and returned, so that boxes `start` + moved do not go through walls; (2, M, ndim)
-        both.
-        """
+        """Clip `moved`, in place and returned, so that boxes `start` + moved end at walls; both (2, M, ndim)."""
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Where boxes are at the begin of a piece, start + moved, and boxes that the states stay in for its length h,
-        s.
+        """Where boxes are at the begin of a piece, start + moved, and boxes that states stay in for its length h, s.
 
         Arguments, and both results, (2, M, ndim), as of `_piece`. Found by trying larger boxes until X + [0, h] V is
         inside; ValueError (`_unbounded`) after `TRIES`.
@@ -562,8 +559,7 @@ class Images(Proof):
         )
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
-        """The first and the last cell, from their own on, that hold cells at places (M,) whose ends moved: two (M,
-        ndim).
+        """The first and last cell, from their own on, that hold cells at places (M,) whose ends moved: two (M, ndim).
 
         moved (M, ndim, 2) : how far the lower and upper ends moved. ValueError for moves of more than int16 cells.
         """
@@ -576,16 +572,15 @@ class Images(Proof):
         return low, high
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """`Bounds.signs` of a level-set function in every cell, with shell and E around it, at `times`, from s to s.
+        """1 where a set's level-set function is > 0 in all of a cell during `times`, -1 where it is <= 0, else 0: int8.
 
-        1 where it is > 0 throughout, -1 where it is <= 0, else 0: int8, broadcastable to the cells.
+        Cells with the shell and E around them; broadcastable to the cells of all axes. times : from s to s.
         """
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Whether the set is surely not met in each cell, with shell and E around it, during `times`, from s to s:
-        bool.
+        """Whether a set is surely not met in each cell, with shell and E around it, during `times`, s to s: bool.
 
         Broadcastable to the cells. asked : which cells of the set's axes are looked at; False in others.
         """

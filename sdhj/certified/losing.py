@@ -101,8 +101,9 @@ class LosingProof(Images):
         return out
 
     def goal(self, step: int) -> FloatArray:
-        """Lost_k^0, (rows, W) uint64: cells inside G(t_k), and those outside L(t_k); at all times where nothing depends
-        on time.
+        """Lost_k^0, packed (rows, W) uint64: cells inside G(t_k), and those outside L(t_k).
+
+        At all times, where nothing depends on time.
         """
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
@@ -112,7 +113,7 @@ class LosingProof(Images):
         return inside | to_words(whole)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, Lost_k^{n-1}, into Lost_k^n, in place; both and `following` are (rows, W) uint64.
+        """Turn `cells`, Lost_k^{n-1}, into Lost_k^n, in place; both and `following` are packed, (rows, W) uint64.
 
         following : Lost_{k+1}^{n-1}. changed : by which rows and bits it differs from Lost_{k+1}^{n-2}. prepared is not
         used.

@@ -90,8 +90,7 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
 def rates_along(
     bounds: Bounds, normals: FloatArray, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Least and greatest n . f under u_j, for each of K normals n, in boxes (M, ndim) and `times`, from s to s: (2, M,
-    K).
+    """Least and greatest n . f under u_j, for each of K normals n, in boxes (M, ndim) and `times`: (2, M, K).
 
     f is the velocity with any disturbance, of a nonlinear v with any in the pieces that its bounds are cut into.
     """
@@ -175,10 +174,10 @@ def drawn(
 
 
 def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
-    """`Lines.halo`, (2, ndim) int64: by how many cells anything gets below and above a cell, and two more; 0 on
-    periodic axes, and those along which no normal has a part.
+    """By how many cells, and two more, anything gets below and above a cell: `Lines.halo`, (2, ndim) int64.
 
-    tubes (M, parts, ndim, 2) : how far the ends of cells move. ends : low and high, (M, ndim) each, of boxes of cells.
+    0 on periodic axes, and on those along which no normal has a part. tubes (M, parts, ndim, 2) : how far the ends of
+    cells move. ends : low and high, (M, ndim) each, of boxes of cells.
     """
     width = np.array([float(axis.width) for axis in axes])
     low, high = ends

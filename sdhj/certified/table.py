@@ -141,7 +141,10 @@ class CertifiedTable(Table):
         return bool(out[0] == 0)
 
     def around(self, states: FloatArray) -> FloatArray:
-        """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
+        """Points (M, V, ndim) of the box E around states (M, ndim), one at least in every cell that the box overlaps.
+
+        At bounded ends they are clipped. So a set of cells that has all of them has whatever may be measured.
+        """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
             width, x = float(own.width), states[:, axis, None]
@@ -327,8 +330,9 @@ class CertifiedTable(Table):
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """`Table.answers`, by the words of the cells of states (M, ndim); only certified inputs are safe.
+        """The answers for states (M, ndim) at a step, by the words of their cells; only certified inputs are safe.
 
+        within, scores (M, L) : as in `Table.answers`.
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
         target there may be no input that is proved to bring the state back into it one step later. At the
         end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
@@ -519,9 +523,7 @@ class CellSets:
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
-        """Compute and keep the entry (step, within), from (step, within - 1), the one before, and (step + 1, within -
-        1).
-        """
+        """Compute and keep the entry (step, within), from (step, within - 1), kept last, and (step + 1, within - 1)."""
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
@@ -590,9 +592,10 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
 
 
 def _cells(table: CertifiedTable, within: int) -> BlackBox:
-    """`CertifiedTable.as_level_set` of a number of steps, with bounds over boxes, from which a proof can go on.
+    """The level-set function that is -1 in the cells certified within so many steps, 1 elsewhere, as a `BlackBox`.
 
-    ValueError from the bounds where the tube depends on time and an interval is asked about.
+    At t_k of step k; at other times 1 everywhere, unless nothing depends on time. It has bounds over boxes, from which
+    a proof can go on. ValueError from the bounds where the tube depends on time and an interval is asked about.
     """
     problem = table.problem
 
@@ -610,7 +613,9 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
         return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds over boxes: (-1, -1) in certified cells only, (1, 1) in none, else (-1, 1)."""
+        """Bounds, both (M,), over boxes (M, ndim) and [t0, t1]: -1 and -1 in certified cells only, 1 and 1 in none,
+        else -1 and 1. ValueError if the tube depends on time and t0 < t1.
+        """
         if t0 != t1 and not problem.time_invariant:
             raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
         step = step_at(t0)

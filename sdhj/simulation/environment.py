@@ -126,7 +126,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
-        """`info`, as the class describes it, but for what was applied: outcome, action mask, and whether promised."""
+        """The entries "outcome", "action_mask" and "promised" of `info`, as the class describes them."""
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}

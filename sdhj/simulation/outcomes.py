@@ -32,8 +32,7 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Simulate M runs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v (M,
-    D).
+    """Simulate M runs over some substeps of an interval: states (M, ndim), outcomes (M,) and the last v (M, D).
 
     begun : the moment before the first of `substeps`. An outcome is `COLLIDED`, `OFF`, `REACHED` past a safe end
     without a target, or `UNDECIDED`; states of decided runs go on meanwhile, and none once all are. ValueError where
@@ -101,11 +100,10 @@ def _fast_sets(begun: Moment) -> list[UnsafeSet]:
 def _near(
     begun: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which runs an unsafe set may come to in so many substeps from time t, by bounds around states (M, ndim): (M,)
-    bool.
+    """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool.
 
-    asked (M,) bool : the runs that count; by default those under whose inputs the set is unsafe. Never False where the
-    set can be met.
+    asked (M,) bool : the runs that count; by default those under whose inputs the set is unsafe. False, too,
+    where a black box declares too little for bounds.
     """
     found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)

@@ -89,7 +89,10 @@ class Commanded(Controller):
 
 
 class Fleeing(Commanded):
-    """The same of a commander who keeps farthest from the boundary, and may so be driven to where the set closes."""
+    """A controller that applies what its filter makes of the inputs that keep farthest from the boundary (`wanted`).
+
+    Who flees from the boundary may be driven to where the set closes.
+    """
 
     def wanted(self, batch: Batch) -> FloatArray:
         """The index of the input of least margin, safe or not, for each state of a batch: (M,)."""
@@ -104,7 +107,10 @@ def played(
 
 
 def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
-    """`played` with a controller: runs from states drawn in its tube of step 0, and what became of them."""
+    """Simulate so many runs of a controller from states drawn in its tube of step 0, and count which are lost, and how.
+
+    The arguments are those of `Table.played`, as are the errors.
+    """
     table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
@@ -222,10 +228,10 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
 
 
 def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
-    """`judged_at_the_end` of a table for ever, by `runs` runs: a greedy adversary against the controller and the
-    filter.
+    """Check a table for ever by `runs` simulated runs, a greedy adversary against the controller and the filter.
 
     Behind the filter, in fewer runs, stands a commander who drives at what must not be touched, and one who flees.
+    Warns of broken promises and returns {"played": counts} for the table's details.
     """
     few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
     alone = _played(Controller(table), runs, "greedy", 0, EVER)

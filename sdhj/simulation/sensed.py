@@ -124,8 +124,7 @@ class Runs:
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def under_way(self, number: int, last: bool) -> FloatArray:
-        """End, as `REACHED`, the runs that are in the target at sampling time `number`, and return those that go on,
-        (R,).
+        """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns those that go on, (R,).
 
         With sensing their predictions must be in it too. Without a target all end so when `last`.
         """
@@ -140,9 +139,10 @@ class Runs:
         return alive[~reached]
 
     def interval(self, number: int, last: bool) -> None:
-        """At sampling time `number` end the runs that have reached the target, then, as `LEFT`, those for which the
-        controller has no input, and simulate the others for an interval. last: no interval follows, so who has no
-        target has succeeded.
+        """At sampling time `number` end the runs that are over, and simulate the others for an interval.
+
+        Those that have reached the target end as `REACHED`, those for which the controller has no input as `LEFT`. last
+        : no interval follows, so who has no target has succeeded.
         """
         alive, step = self.under_way(number, last), 0 if self.ever else number
         if last or not alive.size:
@@ -172,9 +172,10 @@ class Runs:
             self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
     def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
-        """`apply`, for runs (R,) whose interval begins at one time and ends at one, by `ends` -1, 0 or 1.
+        """Simulate runs (R,) for an interval under inputs (R,), where it begins for all at one time and ends at one.
 
-        With sensing the states are measured one delay before the end, and predictions made for the next input.
+        ends : -1, 0 or 1, early, on time or late. With sensing the states are measured one delay before the end, and
+        predictions made for the next input.
         """
         sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)

@@ -20,10 +20,10 @@ NO_TAPES = program(()) * 3
 def prepared(
     problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
-    """What compiled look-ups read of a problem at a step, packed into one `Tape` (`sdhj.kernels.tubes` has its order):
-    the grid and its ends, the instants of the check against the true sets, under which inputs each set is unsafe,
-    tapes.
+    """All that compiled look-ups read of a problem at a step, packed into one `Tape` in their order.
 
+    These are the grid and its ends, the instants of the check against the true sets, under which inputs each set is
+    unsafe, and tapes.
     axes : those of the static and of the moving avoid tubes, two int arrays. tapes : `tapes_of` the problem, or
     `NO_TAPES`. checks : whether the true sets are looked at; if not, there are no instants.
     """

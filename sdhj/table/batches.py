@@ -77,7 +77,7 @@ class Batch(NamedTuple):
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
-        """The same with read-only arrays."""
+        """This batch with read-only arrays."""
         return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
 
     @property
@@ -396,7 +396,7 @@ class Table:
 
     @cached_property
     def normals(self) -> FloatArray | None:
-        """Normals of the planes that inputs lead between (`Interval.normals`); None where there are none."""
+        """Normals (K, ndim) of the planes that inputs lead between (`Interval.normals`); None if none, or if proved."""
         normals = self.problem.interval(0).normals
         return normals if normals.size and not self.proved else None
 

@@ -536,7 +536,7 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """`steps_to_go` and `safe_inputs` of many states at once, on all cores.
+        """Steps to go, safe inputs and margins of many states at once, computed on all cores.
 
         Parameters
         ----------
@@ -635,7 +635,7 @@ class Controller:
         return Filtered(*(field[0] for field in answer) if single else answer)
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
-        """`filter` for one state q (ndim,) and one index or command of a proved table, in half the time.
+        """The answer of `filter` for one state q (ndim,) and one index or command of a proved table, in half the time.
 
         None, and the general way is to be taken, where no input is safe or `wanted` is not a valid int or float array.
         """

@@ -86,7 +86,7 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 
 
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """`Table.explain` for a table on a grid: why a state q (ndim,) is in the tube (step, within) or not.
+    """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
 
     By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first.
     A `within` of None, or above N - step, is N - step. ValueError if q or step does not fit.

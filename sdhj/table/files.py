@@ -94,8 +94,9 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end; OSError, with
-    what to do, if it cannot be made.
+    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end.
+
+    OSError, with what to do, if it cannot be made.
     """
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     TEMPORARIES.add(temporary)

@@ -15,9 +15,7 @@ class Relay:
     """
 
     def __init__(self, *controllers: Controller) -> None:
-        """Controllers in the order in which they act; ValueError if one is none, or its table is for one that remembers
-        (`Sensing.memory`).
-        """
+        """Controllers in the order in which they act; ValueError if one is none, or remembers (`Sensing.memory`)."""
         for one in controllers:
             if not isinstance(one, Controller):
                 raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")

@@ -254,7 +254,7 @@ class Store(Arrays):
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:
-        """It is sent as its path, from which workers read and write."""
+        """Pickled it is its path, layout and seal, from which a worker reads and writes the same files."""
         return Store, (self.path, self.layout, self.seal)
 
     # ---- the files of arrays

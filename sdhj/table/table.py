@@ -362,7 +362,10 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows of a batch, as `Table._decide` says; in compiled code where the sets are formulas."""
+        """Fill in some rows (R,) of a batch, by compiled code where all sets are formulas and defined; else in Python.
+
+        scores (M, L), checks : as in `Table._decide`.
+        """
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless

@@ -143,8 +143,9 @@ class ArmProof(Proof):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of the inputs `among` (M, L) bool are certified for cells (M, 4) at a step, as `GeneralProof.inputs`
-        says.
+        """Which of the inputs `among` (M, L) bool are certified for cells (M, 4) at a step: (M, L) bool.
+
+        They stay clear and lead all of the cell into the set with ahead - 1 steps to go.
 
         ahead (M,), sets and pool as there; `lines` does not matter.
         """
@@ -175,8 +176,7 @@ class ArmProof(Proof):
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
-        """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)
-        uint64.
+        """For each input the cells from which the agent cannot touch the arm in an interval: each (n1, n2, W) uint64.
 
         All of them where the agent does not pursue the arm.
         """
@@ -242,8 +242,7 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 def clear_of_obstacles(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
-    """Cells of the joints from which the arm stays clear of the known obstacles during delta, s: (steps, L, n1, n2)
-    bool.
+    """Joint cells from which the arm stays clear of the known obstacles during delta, s: (steps, L, n1, n2) bool.
 
     times (2^(h + 1) + 1, steps) cut each interval evenly, to be halved h times. velocities (2, L, 2) : of each joint
     under each input, least and greatest.

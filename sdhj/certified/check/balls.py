@@ -78,8 +78,9 @@ IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is u
 
 
 def interpolated(*given: Any) -> Any:
-    """The ball of the multilinear interpolation of a table, clipped at the ends of its axes; None where a ball leaves
-    open which nodes are meant.
+    """The ball of the multilinear interpolation of a table, clipped at the ends of its axes; None where it is open.
+
+    It is where a ball leaves open between which nodes it lies.
 
     given : the operands, balls, one for each axis; then table, lower, spacing and one more that is not used.
     """

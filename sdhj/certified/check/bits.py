@@ -29,9 +29,10 @@ UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """`numba.njit`, kept on disk, where that can be, until any file of this folder changes or the kept one is damaged.
+    """A decorator: compile a function by `numba.njit(**options)`, and keep the code on disk, where that can be.
 
-    Numba alone looks at one file only, and runs what is damaged.
+    It is compiled anew when any file of this folder has changed or the kept code is damaged. Numba alone looks at one
+    file only, and runs what is damaged.
     """
 
     def compile_it(function: Any) -> Any:
@@ -107,8 +108,7 @@ def any_bit(block):
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """Write to `out`, for every block of `pool`, the cells (x, y) for which it holds all of along_x[x] times
-    along_y[y].
+    """Write to `out`, for every block of `pool`, the cells (x, y) for which it has all of along_x[x] x along_y[y].
 
     Both are (blocks, words) uint64, and threads may share the blocks out. along_x (nx, most), along_y (ny, most) :
     lists of cells on an axis, the last one repeated

@@ -112,8 +112,9 @@ def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words, by name, from their bytes (words, bytes): (words,) int64 for steps and select, else bits of
-    inputs, (words, inputs) bool.
+    """The fields of words by name: steps and select as (words,) int64, others as bits of inputs, (words, inputs) bool.
+
+    found : their bytes, (words, bytes) uint8 each.
     """
     return {
         name: _numbers(some.tobytes(), some.shape[1])

@@ -309,9 +309,7 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) over boxes (M, coordinates), on `sides` of the jumps as of `__call__`; in few at a
-        time.
-        """
+        """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps (`__call__`), few at a time."""
         out = np.empty((2, len(low), len(self.results)))
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):

@@ -107,9 +107,7 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """Of a set of cells (*n) bool, how many are below each corner on all axes: (*n + 1) int32; periodic axes twice
-    over.
-    """
+    """How many cells of a set (*n) bool are below each corner on all axes: (*n + 1) int32; periodic axes twice."""
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)

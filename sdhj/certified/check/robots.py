@@ -194,9 +194,10 @@ class Robot(Sets):
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
-        """Strides of sites (ndim,), sum(cell * strides) being a cell's site, and which inputs lead into the target
-        itself, (starts, sites, bytes) uint8, of length 0 where the proof states none. ValueError where there can be
-        none.
+        """Strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
+
+        A cell is at the site sum(cell * strides). Of length 0 where the proof states none; ValueError where there can
+        be none.
         """
         if not stated.get("arrives"):
             return np.zeros(len(self.counts), np.int64), np.zeros((0, 0, 0), np.uint8)
@@ -298,8 +299,7 @@ class Robot(Sets):
     # ---- predictions
 
     def known_within(self) -> list[str]:
-        """A text for each input, and stride of the delay, with which a prediction may be off by more than the file
-        says.
+        """A text for each input and stride of the delay with which a prediction may be off by more than the file says.
 
         What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
         from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
@@ -335,8 +335,7 @@ class Robot(Sets):
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
     def driven(self, places: Array, j: Any, start: float, finer: int) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in an interval from `start`, s,
-        on.
+        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
 
         At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
         predicted or carried on. finer : into how many pieces each part is cut. ValueError as of `piece`.
@@ -389,8 +388,8 @@ class Robot(Sets):
         return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
-        """How far the ends of boxes have moved after a piece, at whose begin they are `box` and had `moved`; (2, M,
-        ndim).
+        """How far the ends of boxes have moved after a piece, (2, M, ndim); at its begin they are `box`, moved by
+        `moved`.
 
         An end moves as the velocity can be in the face on its side of a box that the state does not leave meanwhile.
         ValueError where none is found. j : as of `driven`; times : of the piece, s.
@@ -423,8 +422,7 @@ class Robot(Sets):
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
-        """Whether what is reached from places (M,) under u_j, one j or (M,), lies in the cells of the file's moves:
-        (M,).
+        """Whether what places (M,) lead to under u_j, one j or (M,), lies in the cells of the file's moves: (M,) bool.
 
         moved (2, M, ndim) : how far the ends of the cells move, of `driven`. start : which of the moves.
         """
@@ -472,9 +470,7 @@ class Robot(Sets):
         return out
 
     def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
-        """Whether a function of a set is > 0 all over boxes (2, M, axes) at all times, and whether <= 0: both (M,)
-        bool.
-        """
+        """Whether a function of a set is > 0 all over boxes (2, M, axes) at all times, and whether <= 0: both (M,)."""
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
 
@@ -547,10 +543,10 @@ class Robot(Sets):
         return (fast - slow)[0] / 2 * self.length + self.off
 
     def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
-        """`clear_holds` for the cells of these numbers (M,), looked up in lattices: True if proved, False if open:
-        (M,).
+        """Whether tubes of u_j from cells of these numbers (M,) are proved clear by the sets' lattices: (M,) bool.
 
-        swept (places, parts, 2, ndim) : tubes from the cells at places (P,); at (M,) : which of these is each cell's.
+        False where that leaves it open, to be asked of `clear_holds`. swept (places, parts, 2, ndim) : tubes from the
+        cells at places (P,); at (M,) : which of these is each cell's.
         """
         grid, out = self.grid, np.ones(len(numbers), np.bool_)
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
@@ -609,7 +605,10 @@ class Robot(Sets):
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
-        """`clear_holds` for the cells of these numbers (M,), `BOXES_AT_ONCE` at a time to bound memory: (M,) bool."""
+        """Whether tubes swept[at] of u_j from cells of these numbers (M,) are proved clear in a step's interval: (M,).
+
+        By `clear_holds`, of `BOXES_AT_ONCE` cells at a time to bound memory.
+        """
         out = np.empty(numbers.size, np.bool_)
         for begin in range(0, numbers.size, BOXES_AT_ONCE):
             own = slice(begin, begin + BOXES_AT_ONCE)
@@ -621,8 +620,7 @@ class Robot(Sets):
         return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
 
     def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
-        """In which parts the tubes swept[at] of boxes `ends` (2, M, ndim) may still be within the safe ends of the
-        grid.
+        """In which parts tubes swept[at] of boxes `ends` (2, M, ndim) may still be within the safe ends of the grid.
 
         (M, parts) bool; once False, False for good: all of it has left.
         """
@@ -764,9 +762,7 @@ class Robot(Sets):
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
 
     def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
-        """Check by Arb's arithmetic, at a state of each cell of these numbers (M,), the bounds on every formula over
-        it.
-        """
+        """Check by Arb's arithmetic, at a state of each cell of these numbers (M,), the bounds on every formula."""
         box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
         functions: list[Any] = [
             (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
@@ -849,7 +845,7 @@ class Robot(Sets):
                 open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
-        """The inputs in groups that are looked at together: as many as memory allows, each of so many boxes and cells."""
+        """The inputs in groups that are looked at together, as memory allows where each has so many boxes and cells."""
         together = max(min(BOXES_AT_ONCE // max(boxes, 1), NUMBERS_AT_ONCE // max(numbers, 1)), 1)
         return [range(j, min(j + together, self.count)) for j in range(0, self.count, together)]
 

@@ -269,7 +269,7 @@ def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 
 
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """`erode`, with the blocks of the pool shared out to threads."""
+    """Write to `out` what `erode` makes of every block of a pool, in threads; the arguments are those of `erode`."""
     sum(shared(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 

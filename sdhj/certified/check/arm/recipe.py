@@ -88,8 +88,7 @@ def centre(disk: Array, t: float) -> Array:
 
 
 def obstacles(q: Array, t: float, scene: Any) -> Array:
-    """The distance of the arm's links at states (M, 4) from the nearest obstacle, grown by their width, at time t:
-    (M,).
+    """The distance of the arm at states (M, 4) from the nearest obstacle, grown by the links' width, at time t: (M,).
 
     <= 0 where they meet.
     """

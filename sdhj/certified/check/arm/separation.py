@@ -67,8 +67,7 @@ class World(NamedTuple):
 
 @compiled(**UNCOUNTED)
 def moved(part, velocity, world, box):
-    """Write into `box` all that can be reached from a part under a velocity (2,) of the joints, by the errors of
-    states.
+    """Write into `box` all that can be reached from a part under a velocity (2,) of the joints, errors included.
 
     The middle of the box can be reached from the middle of the part.
     """
