@@ -97,7 +97,7 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """A function that does tasks and yields what `work` returns: here, or by the workers of a Dask client.
+    """A function that does tasks of a plan and yields what `work` returns: here, or by the workers of a Dask client.
 
     Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
     path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.

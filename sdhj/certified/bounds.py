@@ -96,8 +96,9 @@ class Bounds:
         halvings: int = 0,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """In which of the boxes that are asked for a level set is > 0 everywhere, as `signs` says: bool.
+        """In which boxes, of those `asked` for, a set's function is > 0 everywhere and at all times: bool.
 
+        low, high, times, halvings : as of `signs`.
         Functions of which it is the least are asked one by one, each only where all before it are > 0.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked

@@ -65,8 +65,9 @@ def measured(value: float) -> Fraction:
 
 @lru_cache(maxsize=4096)
 def _decimal(value: float, form: str, most: int) -> Fraction | None:
-    """The decimal, times a power of two, that a number is to so many digits; None where it has more than `most`.
+    """The decimal, times a power of two, that a number is; None where it has more than `most` significant digits.
 
+    form : how the digits are written (`format`): "" for all of them, ".12g" for twelve.
     A number is off by half a unit in the last place at most where all its digits are written, else by 5e-13 of it.
     """
     part, power = math.frexp(value)
@@ -77,7 +78,7 @@ def _decimal(value: float, form: str, most: int) -> Fraction | None:
 
 
 def _digits(text: str) -> int:
-    """How many significant digits a decimal has."""
+    """How many significant digits the text of a decimal has, zeros at both ends apart: 2 of "-0.0120e5"."""
     return len(text.lower().split("e")[0].lstrip("-").replace(".", "").strip("0"))
 
 
@@ -224,7 +225,10 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
+    """The cells of an axis that a file states: their width, a text such as "1/3", how many, and layers at both ends.
+
+    ValueError where they do not cover the axis, are more than `MOST_CELLS`, or have layers at an end that is no wall.
+    """
     walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])

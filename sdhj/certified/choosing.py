@@ -214,7 +214,7 @@ def _spread(
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
-        """Whether cells of these choices fit into the memory and the time."""
+        """Whether the choices at these places (ndim,) fit into memory and time, and still lose more than `WORTH`."""
         axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))

@@ -130,7 +130,7 @@ def _check_sensing(sensing: Sensing) -> None:
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
-    """The fields that a file is to have, in their order; ValueError where one is none of `FIELDS`."""
+    """The fields in `only`, each once, in the order of `FIELDS`; ValueError if one is none of these, or for none."""
     only = (only,) if isinstance(only, str) else tuple(only)
     for one in only:
         option("only", one, FIELDS)
@@ -372,7 +372,9 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 
 
 def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
-    """States, as parts of each axis, and checksums of what Python says of them: (TESTS, ndim + 1) uint16.
+    """Random states, in 65535ths of a range of each axis, and 16-bit checksums of what Python says of them.
+
+    (TESTS, ndim + 1) uint16.
 
     The i-th is asked about at step i % (N + 1); some are past the ends of the grid.
     """

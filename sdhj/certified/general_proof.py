@@ -214,7 +214,7 @@ class GeneralProof(Images):
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
-        """Write the moves, and the inputs that are clear or arrive."""
+        """Write the moves, the lines, and which inputs are clear or arrive, to an open file."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
         arrays = {name: getattr(self, name) for name in names}
         for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():

@@ -99,7 +99,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
-        """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
+        """Least and greatest velocity in each box, widened by its travel and `more`: (2, tasks, boxes, ndim)."""
         each = zip(tasks, travel, strict=True)
         found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
@@ -400,7 +400,7 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """A cell (M, ndim) at each place (M,), the first on the other axes."""
+        """The cell (M, ndim) at each place (M,), the first one on the axes that no place depends on."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 

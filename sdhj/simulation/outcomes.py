@@ -34,7 +34,8 @@ def play_interval(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Simulate M runs over some substeps of an interval: states (M, ndim), outcomes (M,) and the last v (M, D).
 
-    begun : the moment before the first of `substeps`. An outcome is `COLLIDED`, `OFF`, `REACHED` past a safe end
+    begun : the moment before the first of `substeps`. play : the adversary. watch : is called after each substep, if it
+    is given. An outcome is `COLLIDED`, `OFF`, `REACHED` past a safe end
     without a target, or `UNDECIDED`; states of decided runs go on meanwhile, and none once all are. ValueError where
     the adversary exceeds its bounds.
     """

@@ -212,7 +212,8 @@ def rollouts(
 ) -> tuple[FloatArray, FloatArray]:
     """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
 
-    `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
+    play : the adversary. watch : called after each substep, if it is given. steps : how many, all by the tubes of step
+    0; None: all steps of the problem in order. sensing : as simulated, by default as the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)

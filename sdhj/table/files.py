@@ -191,7 +191,7 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
 
 
 def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The head of a table's file: everything but the arrays."""
+    """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays."""
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -344,9 +344,10 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed.
+    """The problem that the head and the arrays of a file describe, or `problem`, if it is given and is the same.
 
-    Also if the digest in the head is not that of what it describes.
+    A `problem` without a number of steps gets the file's. TableFileError if it is another one, or is needed for black
+    boxes, or if the digest in the head is not that of what it describes.
     """
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(

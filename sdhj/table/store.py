@@ -115,11 +115,11 @@ class Shapes:
         return self.slabs if self.axis in self.axes(array) else 1
 
     def span(self, number: int) -> tuple[int, int]:
-        """The first node of a slab and the one behind its last."""
+        """The first node of slab `number` along the axis that is cut, and the one behind its last."""
         return number * self.width, min((number + 1) * self.width, self.shape[self.axis])
 
     def runs(self, array: str, number: int) -> Runs:
-        """Begin and end of a slab on each axis of an array."""
+        """(begin, end) of slab `number` on each axis of the grid that an array has; of axes not cut all nodes."""
         return [self.span(number) if axis == self.axis else (0, self.shape[axis]) for axis in self.axes(array)]
 
     def kind(self, array: str) -> Any:
@@ -250,7 +250,7 @@ class Store(Arrays):
     """
 
     def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
-        """A store at a path, with a layout and the digest of its head."""
+        """A store at a path, with a layout of its arrays, and as `seal` the digest of its head; nothing is read yet."""
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:

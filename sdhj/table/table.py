@@ -173,11 +173,11 @@ class LookupTable(Table):
         return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of a tube, shape grid.shape, which is written while the table is filled in."""
+        """The array of the tube (start, within), shape grid.shape, to be written while the table is filled in."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of a tube's marked inputs, (bytes, size), which is written while the table is filled in."""
+        """The marked inputs of the tube (start, within), (bytes, size), to be written while the table is filled in."""
         return self.marks[self.tube_index(start, within)]
 
     def share(self, start: int, within: int) -> None:
@@ -375,7 +375,10 @@ class LookupTable(Table):
             super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch by interpolation and marks, without a look at the true sets."""
+        """Fill in some rows (R,) of a batch by interpolation and marks, without a look at the true sets.
+
+        ends (4 + K, L, ndim, 1 or R) : what inputs lead to from these rows.
+        """
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:

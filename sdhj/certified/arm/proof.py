@@ -159,7 +159,7 @@ class ArmProof(Proof):
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
-        """Write what is not quickly computed again: where the arm is clear of the known obstacles."""
+        """Write to an open file what is not quickly computed again: where the arm is clear of the known obstacles."""
         file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod

@@ -251,7 +251,7 @@ class Formula:
         return max(min(MOST_BOXES, MOST_NUMBERS // (2 * most + 1)), 1)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether a result rests on a coordinate, "x", or a parameter, "p"; on any of them, or on one."""
+        """Whether a result rests on a coordinate, leaf "x", or a parameter, "p": on that of a number, or on any."""
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)  # check 7.2
 

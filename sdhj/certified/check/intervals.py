@@ -278,11 +278,12 @@ InBlocks = dict[
 def gridded(
     operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
 ) -> Interval:
-    """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
+    """Bounds of the multilinear interpolation of a table between nodes at lower + i * spacing, clipped at the ends.
 
-    In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
-    are ends of the box or nodes between. A box with many nodes lies between the least and the greatest node around it,
-    known of blocks of nodes: of larger ones for larger boxes, so that it takes equally long for any.
+    operands : an interval for each axis. kept : what `at_blocks` keeps of the table. In a box that it cuts out of one
+    cell it has its extremes at corners, so over a box at points whose coordinates are ends of the box or nodes between.
+    A box with many nodes lies between the least and the greatest node around it, known of blocks of nodes: of larger
+    ones for larger boxes, so that it takes equally long for any.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -305,7 +306,7 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Every column that there is of whole numbers (axes, M), and the places where it is."""
+    """Group M columns (axes, M) of whole numbers: each column that there is, and the places (m,) where it is."""
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
@@ -332,9 +333,9 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
 
 
 def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: InBlocks) -> Array:
-    """The least and the greatest value at the nodes in and around boxes, as (2, M), looked up in blocks of nodes.
+    """The least and the greatest value at the nodes in and around boxes (axes, M), low to high, in blocks: (2, M).
 
-    Blocks are of 2^-power nodes along each axis.
+    Blocks are of 2^-power nodes along each axis, and kept in `kept` for the next time. low, high : in units of nodes.
     """
     blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23

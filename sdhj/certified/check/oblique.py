@@ -40,7 +40,7 @@ def rates_along(
 ) -> tuple[Array, Array]:
     """Least and greatest n . f under inputs (M,) and any adversary over boxes (M, ndim) and times: both (M, K).
 
-    cuts : into how many pieces each component of a nonlinear v is cut, at most.
+    f is the velocity, n one of K normals. cuts : into how many pieces each component of a nonlinear v is cut, at most.
     """
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:

@@ -103,7 +103,10 @@ def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
 
 
 class Robot(Sets):
-    """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
+    """A robot of one's own as a file describes it: its functions over boxes, its cells, and the sets of these.
+
+    `claims` checks all that the file says of them. Where this does not fit together it is refused by a ValueError.
+    """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         """Read the problem of a file, its cells and its sets; ValueError where a part does not fit.
@@ -450,7 +453,7 @@ class Robot(Sets):
         """
 
         def near(box: Array) -> tuple[Array, Array]:
-            """Whether velocities in a box around the prediction differ from the undisturbed by little enough."""
+            """Whether velocities around predictions in boxes (2, m, ndim) differ by little enough, (m,); and False."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
@@ -478,7 +481,7 @@ class Robot(Sets):
         """Whether boxes (2, M, axes) are proved to be inside a set at all `times`: (M,) bool."""
 
         def holds(some: Array) -> tuple[Array, Array]:
-            """Where the function is at most 0 all over a box, and where it nowhere is."""
+            """Whether the function is <= 0 all over boxes (2, m, axes), and whether it is > 0 somewhere: both (m,)."""
             least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0  # check 5.17
 
@@ -682,7 +685,10 @@ class Robot(Sets):
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
+        """Whether each of the cells of these numbers (M,) has a clear input that leads into a set alone: (M,) bool.
+
+        following (cells,) bool : the set.
+        """
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:

@@ -57,7 +57,7 @@ def bench_of(i1, i2, world):
 
 @compiled()
 def check_flags(i1, i2, world, stored):
-    """Check the flags of a row, which say of a start and an input that the arm is clear of all obstacles meanwhile.
+    """Check the flags of joint cells i1, i2: for each start and input that the arm is clear of all obstacles.
 
     Returns how many are not proved, and one of them as start * L + j.
     """
@@ -74,7 +74,10 @@ def check_flags(i1, i2, world, stored):
 
 @compiled()
 def check_goals(world, stored, bench, todo):
-    """Drop from todo (entries, words) what is proved of S_k^0: inside the target and outside the unsafe set at t_k."""
+    """Drop from todo (entries, words), in place, what is proved of S_k^0: inside the target, clear of all else at t_k.
+
+    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of `bench`.
+    """
     need, still = np.zeros_like(todo[0]), world.inputs[0]
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0:
@@ -119,7 +122,11 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
 
 @compiled()
 def check_steps(i1, i2, world, stored, bench, todo):
-    """Drop from todo (entries, words) what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}."""
+    """Drop from todo (entries, words), in place, what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}.
+
+    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of joint cells i1,
+    i2, which is that of `bench`.
+    """
     steps, n2 = len(stored.allowed), world.q2.size - 1
     able, need = np.zeros_like(todo), np.empty_like(todo[0])
     for careful in range(2):  # first many cells at once, then what is left one by one
@@ -159,7 +166,7 @@ def unproved(i1, i2, world, stored):
 
 @compiled(nogil=True)
 def check_rows(rows, world, stored, failed, example):
-    """Check all claims of some rows; threads may share the rows out.
+    """Check all claims of rows (R,), numbers of pairs of joint cells; threads may share the rows out.
 
     failed, example (R, kinds), modified in place: how many claims of each kind are not proved, and a number that names
     one of them. Kind 0 are the flags, 1 + n the cells that the sets within n add.

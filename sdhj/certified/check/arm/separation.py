@@ -86,7 +86,7 @@ def moved(part, velocity, world, box):
 
 @compiled(**UNCOUNTED)
 def pose_of(box, arm):
-    """Elbow E, forearm F and half widths (d1, d2) of the joints of a box."""
+    """(ex, ey, fx, fy, d1, d2): elbow E and forearm F of the arm in the middle of a box, half widths of the joints."""
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
     e, f, phi = arm[0], arm[1], arm[2] * q1 + q2
     widths = (box[1] - box[0]) / 2, (box[3] - box[2]) / 2
@@ -95,7 +95,14 @@ def pose_of(box, arm):
 
 @compiled(**UNCOUNTED)
 def farthest(nx, ny, link, pose, turn):
-    """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
+    """An upper bound on n.p over all points p of a link and all joint angles of a box, m.
+
+    Of the elbow it is n.E + |n.E'| d1 + max(0, -n.E) d1^2 / 2, of the tip as the module docstring says, and of a link
+    the larger one of its ends.
+
+    elbow >= n.E + |n.E'| d1 + max(0, -n.E) d1^2 / 2 and tip as much more as the module docstring says. n = (nx, ny) is
+    a unit vector; link 0 ends at the elbow, 1 at the tip; pose : of `pose_of`; turn : 1.0 if link 1 turns with link 0.
+    """
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
     bend = max(-a, 0.0) * d1 * d1 / 2  # check 4.7
@@ -149,8 +156,9 @@ def ahead(nx, ny, link, pose, body, turn):
 
 @compiled(**UNCOUNTED)
 def separated(link, pose, body, turn):
-    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box.
+    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box, m.
 
+    link, pose, turn : as of `farthest`; body : as `body_of` returns it.
     The first direction is that of the gap, which is then turned while that helps.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
