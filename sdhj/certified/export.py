@@ -123,7 +123,7 @@ def export_c(
     return Exported(folder, table)
 
 
-def _check_sensing(sensing: Sensing) -> None:
+def _refuse_delay(sensing: Sensing) -> None:
     """Raise ValueError for measurements with a delay: predictions need more than a table's words."""
     if sensing.delay:
         raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
@@ -146,7 +146,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
             'the problem with method="certified"'
         )
-    _check_sensing(table.problem.sensing)
+    _refuse_delay(table.problem.sensing)
     if len(table.problem.inputs) > MOST_EXPORTED:
         raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(table.problem.inputs):,}")
     return table.problem
@@ -309,7 +309,7 @@ def file_of(
     lengths = [len(body) for body in packer.bodies]
     bodies = b"".join(packer.bodies) + bytes(2)
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
-    at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
+    at_bytes, tests = _bytes_for(int(starts[-1]) + 1), answered_states(table, fields, rule, brake)
     leads, reads, images = images_of(table) if problem.sensing.remembers else (0, [0] * ndim, [])
     parts = (
         packer.known[: packer.used].tobytes(),
@@ -371,7 +371,7 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 # ---- states with their answers
 
 
-def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
+def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
     """Random states, in 65535ths of a range of each axis, and 16-bit checksums of what Python says of them.
 
     (TESTS, ndim + 1) uint16.
@@ -385,12 +385,12 @@ def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int)
     out[:, :-1] = parts
     for step in range(min(steps, TESTS)):
         some = np.arange(step, TESTS, steps)
-        said = told(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
+        said = python_answers(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
         out[some, -1] = [zlib.crc32(one) & 0xFFFF for one in said]
     return out
 
 
-def told(
+def python_answers(
     table: CertifiedTable,
     states: FloatArray,
     step: int,
@@ -411,7 +411,7 @@ def told(
     distances = squared_distances(problem.inputs, problem.inputs[wanted])
     distances[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, distances, np.inf).argmin(axis=1)
-    where, out = located(table, states), []
+    where, out = location_status(table, states), []
     for m in range(count):
         arrived = not problem.has_no_target and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
         none = STATUS["IN_TARGET" if arrived else "NOT_PROVED"] if left else STATUS["LAST_STEP"]
@@ -439,8 +439,8 @@ def told(
     return out
 
 
-def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
-    """The status of `sdhj_locate` of states (M, ndim): 0 on the grid, (M,) int."""
+def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
+    """Where states (M, ndim) are, as the status of `sdhj_locate`: (M,) int, 0 on the grid, else of `STATUS`."""
     cells, grid = table.cells, table.grid
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
     begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
@@ -456,15 +456,15 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
 # ---- the header of a robot
 
 
-def plain(text: str) -> str:
-    """A text that a comment of C can hold."""
+def c_comment(text: str) -> str:
+    """A text as a comment of C can hold it: everything that is no plain ASCII, or might end it, becomes "_"."""
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
     """The text of `sdhj_robot.h`, which states the robot of a table and its file, whose bytes are `data`."""
     problem, grid, inputs = table.problem, table.grid, table.problem.inputs
-    name, *axes = map(plain, (problem.name, *grid.names))
+    name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
     rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
     lines = [
@@ -635,7 +635,7 @@ class Loop:
     """The control loops of M robots in C, each of which remembers (`sdhj_step`); made by `Exported.loop`."""
 
     def __init__(self, exported: Exported, count: int) -> None:
-        """Begin the loops of `count` robots."""
+        """Begin the loops of `count` robots, which know nothing yet; OSError without a C compiler."""
         self.exported, self.count = exported, count
         self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
 

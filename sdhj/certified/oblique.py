@@ -126,7 +126,7 @@ def _component(normals: FloatArray, low: FloatArray, high: FloatArray) -> tuple[
     return ends.min(axis=0).sum(axis=2) - more, ends.max(axis=0).sum(axis=2) + more
 
 
-def leaned(
+def changes_along(
     bounds: Bounds,
     normals: FloatArray,
     j: int,
@@ -158,7 +158,7 @@ def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
     return int(np.where(oblique[:-1], numbers, 1).prod(axis=1).max())
 
 
-def drawn(
+def lines_in_boxes(
     axes: Sequence[CellAxis], normals: FloatArray, low: FloatArray, high: FloatArray, far: FloatArray
 ) -> FloatArray:
     """The lines (M, rows, 2) int16 of images: in each row of boxes of cells the first and last between the planes.
@@ -212,8 +212,8 @@ class Drawing:
             self.normals = normals[:0]
             return
         times = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
-        far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
-        self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
+        far = changes_along(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
+        self.found[start, j, int(some[0])] = lines_in_boxes(proof.axes, normals, low, high, far)
         self.halo = np.maximum(self.halo, halo_of(proof.axes, normals, tubes, (low, high)))
 
     @property

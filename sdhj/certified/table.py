@@ -102,7 +102,7 @@ class CertifiedTable(Table):
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
         """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,).
 
-        A state is in a set that is off it by no more than slack (ndim,).
+        A state is in a set that is off it by no more than slack (ndim,). ValueError where states do not fit.
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)

@@ -366,7 +366,7 @@ class Table:
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """The answers for states (M, ndim) that have been checked, and that nobody writes.
+        """The answers for states (M, ndim) that have been checked, and that nobody writes; otherwise as `batch`.
 
         scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
         """

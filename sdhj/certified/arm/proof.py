@@ -262,9 +262,12 @@ def clear_of_obstacles(
 
 
 def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[FloatArray, FloatArray]:
-    """Shifts and passes of `packed.erode_packed`; first, number (2, n) as `CellAxis.image` of the agent's two axes.
+    """The window that the agent's cells need, as `packed.erode_packed` takes it: bits to shift by, and passes.
 
-    A cell needs its neighbours at the offsets of the widest window, but for those beyond its own window, at a wall.
+    Shifts (2, offsets) : by how many bits the neighbours at the offsets of the widest window are away, along x and y.
+    Passes (2, offsets, W) uint64 : the cells that do not need this one, as it is beyond their own window, at a wall.
+    first, number (2, n) : images of cells, as of `CellAxis.image`, on the agent's two axes. ValueError where an agent
+    cannot stay where it is.
     """
     cells = np.stack(np.divmod(np.arange(agent.nx * agent.ny), agent.ny))
     low = np.take_along_axis(first, cells, axis=1) - cells

@@ -173,7 +173,7 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
         for start, j in np.ndindex(own.shape[:2]):
             said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
             if isinstance(sets, Arm):
-                same = _led_as_an_arm(said, sets, axis, j)
+                same = _arm_images_agree(said, sets, axis, j)
             else:
                 proved = [
                     of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)
@@ -183,7 +183,7 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
                 yield f"start {start}, input {j}, axis {axis}"
 
 
-def _led_as_an_arm(said: Array, sets: Arm, axis: int, j: int) -> bool:
+def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
     """Whether the exported images of an arm along an axis under u_j are the cells that `overlapped` works out.
 
     said (n, 2) : first and last cell, from each cell's own on.

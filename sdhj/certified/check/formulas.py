@@ -242,7 +242,7 @@ class Formula:
 
     @cached_property
     def boxes(self) -> int:
-        """How many boxes are evaluated at once, so that memory is bounded."""
+        """How many boxes are evaluated at once, so that all values in memory are at most `MOST_NUMBERS`."""
         most = count = 0
         for number in self.needed:
             count += 1

@@ -453,7 +453,7 @@ class Robot(Sets):
         """
 
         def near(box: Array) -> tuple[Array, Array]:
-            """Whether velocities around predictions in boxes (2, m, ndim) differ by little enough, (m,); and False."""
+            """Whether velocities around predictions in boxes (2, m, ndim) differ by little enough: (m,); and False."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43

@@ -43,7 +43,11 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
-    """A disk of a recipe as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
+    """A disk of a recipe as `separation.disk_at` reads it, (8,), its radius grown by the width of what it must not
+    meet.
+
+    name : in errors. ValueError, KeyError or TypeError where a number is missing or makes no sense.
+    """
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
     expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)

@@ -98,10 +98,8 @@ def farthest(nx, ny, link, pose, turn):
     """An upper bound on n.p over all points p of a link and all joint angles of a box, m.
 
     Of the elbow it is n.E + |n.E'| d1 + max(0, -n.E) d1^2 / 2, of the tip as the module docstring says, and of a link
-    the larger one of its ends.
-
-    elbow >= n.E + |n.E'| d1 + max(0, -n.E) d1^2 / 2 and tip as much more as the module docstring says. n = (nx, ny) is
-    a unit vector; link 0 ends at the elbow, 1 at the tip; pose : of `pose_of`; turn : 1.0 if link 1 turns with link 0.
+    the larger one of its ends. n = (nx, ny) is a unit vector; link 0 ends at the elbow, 1 at the tip; pose : of
+    `pose_of`; turn : 1.0 if link 1 turns with link 0, else 0.0.
     """
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
