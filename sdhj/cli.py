@@ -94,7 +94,7 @@ WARMED = [
 
 
 class Refusal(click.ClickException):
-    """One clear line on standard error, exit status 2."""
+    """An error that ends a command with one clear line on standard error and exit status 2."""
 
     exit_code = 2
 
@@ -107,7 +107,7 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        """The command, its errors told in one line with exit status 2."""
+        """Run the command with its arguments, errors as above."""
         try:
             with announced(progress=True):
                 command(*args, **kwargs)

@@ -46,7 +46,7 @@ def sites_of(
 
 
 class Arrivals:
-    """Of a proof's images those that lie in the target: fills `GeneralProof.arrives` as images become known."""
+    """Which inputs lead a cell's whole image into the target itself: fills `GeneralProof.arrives`, image by image."""
 
     def __init__(self, proof: Any) -> None:
         """The arrivals of a `GeneralProof` that is being prepared; none is known yet."""

@@ -40,7 +40,7 @@ class Bounds:
     vertices: FloatArray | None = None
 
     def input(self, j: int) -> int:
-        """The problem's input of u_j: j itself, or with vertices j // V."""
+        """The number of the problem's input that u_j applies: j itself or, with vertices, j // V."""
         return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -54,7 +54,11 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """The least (side 0) or the greatest (1) of `velocity` along one axis: (M,)."""
+        """The least (side 0) or the greatest (1) velocity along one axis under u_j in boxes (M, ndim) and [t0, t1]:
+        (M,).
+
+        Where it can be, without the other components, which is faster than `velocity`.
+        """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])

@@ -189,7 +189,7 @@ def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, en
 
 
 class Drawing:
-    """The lines of a proof's images, put together place by place."""
+    """Computes the lines of a proof's images, place by place, while the proof is prepared."""
 
     def __init__(self, proof: Any) -> None:
         """No lines yet, along the normals of a proof that is being prepared."""

@@ -116,7 +116,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
-        """Note where a run first touches an unsafe set or leaves the grid."""
+        """Note, by `_where`, the set that each run first touches, or the axis past whose unsafe end it leaves."""
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])

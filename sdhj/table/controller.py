@@ -325,7 +325,7 @@ class Controller:
         return batch
 
     def _explain(self, states: FloatArray, step: int) -> str:
-        """Why a state (1, ndim) is not admissible, and what helps, in a sentence."""
+        """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
         if self.table.proved and self._in_target(states[0], step):
             return _done(states[0], step)

@@ -68,7 +68,8 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A temporary path to write to, beside `path`; the file replaces `path` at the end, or is deleted after an error.
+    """A context with a temporary path beside `path`, whose file replaces that of `path` at the end, if there is no
+    error.
 
     No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
     OSError, with what to do, if nothing can be written there.
@@ -161,10 +162,10 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 @contextmanager
 def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.File]:
-    """An HDF5 file to which the class of a table writes its arrays; keywords are added to the head.
+    """A context with an open HDF5 file to which the class of a table writes its arrays; the file is written at its end.
 
-    It is built in memory and then written to disk, in place of an older one, because the HDF5 library does not survive
-    a full disk. OSError if it cannot be written.
+    head : entries that are added to the head of the file. It is built in memory and then written to disk, in place of
+    an older one, because the HDF5 library does not survive a full disk. OSError if it cannot be written.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
@@ -240,7 +241,11 @@ def fits(found: tuple[int, ...], shape: Lengths) -> bool:
 
 @contextmanager
 def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """The head of a file, as `checked_head` returns it, and its arrays; errors on the way become TableFileError."""
+    """A context with the head of a table's file, as `checked_head` returns it, and its open arrays.
+
+    FileNotFoundError or OSError if it cannot be read, MemoryError if its arrays do not fit; whatever else goes wrong,
+    also inside the context, becomes a TableFileError.
+    """
     path = _regular(path)
     try:
         stream = open(path, "rb")
@@ -249,7 +254,7 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     except OSError as error:
         raise type(error)(f"cannot read {path}: {error.strerror}; check the permissions") from error
     with stream:
-        text = _whole(path, stream)
+        text = _head_text(path, stream)
         try:
             head = checked_head(json.loads(text))
             with h5py.File(stream, "r") as file:
@@ -278,7 +283,7 @@ def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
         raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
 
 
-def _whole(path: Path, stream: BufferedReader) -> bytes:
+def _head_text(path: Path, stream: BufferedReader) -> bytes:
     """The head of a file, as JSON text, after checking that the file's bytes are those that were written.
 
     stream : the file at its beginning. TableFileError for another version or a wrong digest.

@@ -56,7 +56,7 @@ Runs = Sequence[tuple[int, int]]
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn errors in reading a store, or a file of one, into TableFileError."""
+    """A context in which errors in reading a store, or a file of one, at `path` become TableFileError."""
     try:
         yield
     except TableFileError:

@@ -58,12 +58,12 @@ class Kept:
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
-        """The file of the code for a signature."""
+        """The path of the file of the code for a signature, `key`."""
         name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        """The code for a signature; None where its digest or signature is another."""
+        """Read the code for a signature, `key`; None where its digest or signature is another, OSError without a file."""
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
@@ -71,7 +71,7 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the code for a signature behind its digest; the file appears whole or not at all."""
+        """Write the code `data` for a signature, `key`, behind its digest; the file appears whole or not at all."""
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)
