@@ -51,7 +51,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class Kept:
-    """Machine code in files that begin with a digest, of it and of the sources."""
+    """In place of one of Numba's cache files: machine code in files that begin with a digest, of it and the sources."""
 
     def __init__(self, files: Any) -> None:
         """Code kept in Numba's cache `files`, stamped with Numba's version and with the sources of this folder."""
@@ -63,7 +63,7 @@ class Kept:
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        """Read the code for a signature, `key`; None where its digest or signature is another, OSError without a file."""
+        """Read the code for a signature, `key`; None where the digest or signature is another, OSError without it."""
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
@@ -82,13 +82,13 @@ class Kept:
 
 @compiled()
 def has(block, bit):
-    """Whether a bit of packed words is set."""
+    """Whether bit number `bit` of packed words, `block` (words,) uint64, is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != NONE
 
 
 @compiled()
 def drop(block, start, stop):
-    """Clear the bits start..stop-1, in place."""
+    """Clear the bits start..stop-1 of packed words, `block` (words,) uint64, in place."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         mask = ~NONE
         if word == start >> 6:
@@ -100,7 +100,7 @@ def drop(block, start, stop):
 
 @compiled()
 def any_bit(block):
-    """Whether any bit of packed words is set."""
+    """Whether any bit of packed words, `block` (words,) uint64, is set."""
     for word in block:
         if word != NONE:
             return True

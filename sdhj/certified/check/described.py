@@ -118,7 +118,10 @@ class OfInputs:
     """
 
     def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
-        """The functions of each input, formulas or black boxes, which have so many results, and formulas parameters."""
+        """From `each`, the function of every input, a formula or a black box, with so many results.
+
+        parameters : how many formulas have; their constants become parameters behind these.
+        """
         self.results = results
         self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
         self.kind, self.row = (np.empty(len(each), np.int64) for _ in range(2))  # of each input, and its row of these

@@ -115,7 +115,7 @@ def size(a: Interval) -> Interval:
 
 
 def raised(x: Array, n: int) -> Interval:
-    """x**n for numbers x >= 0 and n >= 1, by squares and products."""
+    """Bounds on x^n for numbers x >= 0 and a whole n >= 1, by squares and products, each rounded outward."""
     low = high = x
     for bit in f"{n:b}"[1:]:
         low, high = above(0.0, *outward(low * low, high * high, least=TINY))
@@ -125,7 +125,7 @@ def raised(x: Array, n: int) -> Interval:
 
 
 def power(a: Interval, n: int) -> Interval:
-    """a^n for a whole n: by squaring, as a product, or as 1 / a^-n."""
+    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n."""
     if n < 0:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
@@ -153,7 +153,7 @@ def pow_(a: Interval, b: Interval) -> Interval:
 def rising(
     function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
 ) -> Callable[..., Interval]:
-    """The rule of a function that rises, with values from `least` to `most`."""
+    """The rule, from an interval to an interval, of a function f that rises and has values from `least` to `most`."""
 
     def rule(a: Interval) -> Interval:
         """[f(low), f(high)], rounded outward and clipped to the function's range."""
@@ -174,7 +174,10 @@ def arccos(a: Interval) -> Interval:
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
-    """The rule of sine or cosine; a hill is there, in turns, and at every whole turn from it, a valley between two."""
+    """The rule, from an interval to an interval, of `function`, sine or cosine.
+
+    A hill, where it is 1, is at `hill`, in turns, and at every whole turn from it; a valley lies between two.
+    """
 
     def rule(a: Interval) -> Interval:
         """The hull of the ends' values, 1 where [low, high] may hold a maximum and -1 where a minimum."""

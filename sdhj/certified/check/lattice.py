@@ -43,7 +43,10 @@ def memory(counts: Sequence[int], laps: int, times: int) -> int:
 
 
 class Lattice:
-    """The boxes of a set's axes, pieces of its cells, and what tubes are looked up without."""
+    """Boxes of a set's axes, pieces of the cells there, and how tubes are looked up in them.
+
+    Boxes are bounded `wider`, and tubes looked up `without` as much, (axes,) each: see above.
+    """
 
     def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
         """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.

@@ -217,7 +217,10 @@ class Arm(Sets):
             yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
-        """Run `check_rows` on some rows (R,), by threads: failed and example, both (R, steps + 2) int64."""
+        """How many claims of each kind of rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
+
+        By `check_rows`, whose kinds and examples these are, in threads. silent : without a progress bar.
+        """
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
         ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
