@@ -200,7 +200,7 @@ def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
-    """A text "name: mine and not theirs" for each number of an exported table, `words`, that is not the table file's."""
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
     own, near = (
         [*zip(sets.axes, sets.layers, strict=True)],
         np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
