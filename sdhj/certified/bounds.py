@@ -54,8 +54,7 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """The least (side 0) or the greatest (1) velocity along one axis under u_j in boxes (M, ndim) and [t0, t1]:
-        (M,).
+        """The least (side 0) or greatest (1) velocity along one axis under u_j in boxes (M, ndim) and [t0, t1]: (M,).
 
         Where it can be, without the other components, which is faster than `velocity`.
         """

@@ -87,7 +87,7 @@ def scanty(table: Any) -> Finding | None:
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
-    """The share of the states that `HJI` finds to be in the tube on a coarse grid, and which of `states` (M, ndim) are.
+    """The share of the state space in the tube of `HJI` on a coarse grid; which of `states` (M, ndim) are in it.
 
     0 and none where the grid's method cannot solve the problem.
     """

@@ -491,7 +491,9 @@ class Images(Proof):
     ) -> FloatArray:
         """How far both ends of boxes `start` have moved at the end of a piece: (2, M, ndim), as all arguments.
 
-        moved : ... at its begin. before : in the piece before, a first guess. times : when it begins and ends, s.
+        It is moved + h F, rounded outward, and clipped at walls: F bounds the velocity in the face of a box, that the
+        states stay in, on the side of this end. moved : ... at its begin. before : in the piece before, a first guess.
+        times : when it begins and ends, s, h apart. ValueError where no such box is found.
         """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)

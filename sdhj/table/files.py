@@ -68,8 +68,7 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A context with a temporary path beside `path`, whose file replaces that of `path` at the end, if there is no
-    error.
+    """A context with a temporary path beside `path`; its file replaces that of `path` at the end, errors apart.
 
     No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
     OSError, with what to do, if nothing can be written there.

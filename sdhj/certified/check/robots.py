@@ -391,8 +391,7 @@ class Robot(Sets):
         return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
-        """How far the ends of boxes have moved after a piece, (2, M, ndim); at its begin they are `box`, moved by
-        `moved`.
+        """How far, (2, M, ndim), ends of boxes have moved after a piece; at its begin they are `box`, moved by `moved`.
 
         An end moves as the velocity can be in the face on its side of a box that the state does not leave meanwhile.
         ValueError where none is found. j : as of `driven`; times : of the piece, s.

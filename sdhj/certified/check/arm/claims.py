@@ -43,8 +43,8 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
-    """A disk of a recipe as `separation.disk_at` reads it, (8,), its radius grown by the width of what it must not
-    meet.
+    """A disk of a recipe as `separation.disk_at` reads it, (8,), its radius grown by the width of what must not meet
+    it.
 
     name : in errors. ValueError, KeyError or TypeError where a number is missing or makes no sense.
     """
