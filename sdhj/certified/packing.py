@@ -58,9 +58,12 @@ class Packing:
     def add(
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray, groups: int
     ) -> None:
-        """`grow`, of the cells with an image that a change of `following` may be in. In place.
+        """Add to `cells` those of which `following` holds the image under a clear input; or, where sets shrink, take
+        away those without such an input. In place, all sets (rows, W) uint64.
 
-        marks : (starts, cells, bytes), which inputs are clear
+        Only words are asked whose images may hold a change. changed : by which rows and bits `following` has changed;
+        None: all are asked. marks (starts, cells, bytes) uint8 : the bits of clear inputs, or none, and any is. groups :
+        into how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
         """
         some = self._at(step, marks)
         if self.axis == len(self.order) - 1:
@@ -86,7 +89,10 @@ class Packing:
         grow(near, cells, extended, some.marks, some.moves, groups, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
-        """`following`, with what images may hold before and behind it on the packed axis if cells there move alike."""
+        """A set of cells (rows, W), padded on the packed axis as far as images reach, so that none wraps or is clipped.
+
+        As it is where cells there are not alike, or images reach farther than the axis is long.
+        """
         moves, count, periodic = some.moves, int(some.cells.counts[-1]), some.cells.periodic[-1]
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
         if moves.strides[-1] or np.isfinite(moves.safe).any() or far > count:
