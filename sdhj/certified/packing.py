@@ -62,8 +62,8 @@ class Packing:
         away those without such an input. In place, all sets (rows, W) uint64.
 
         Only words are asked whose images may hold a change. changed : by which rows and bits `following` has changed;
-        None: all are asked. marks (starts, cells, bytes) uint8 : the bits of clear inputs, or none, and any is. groups :
-        into how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
+        None: all are asked. marks (starts, cells, bytes) uint8 : the bits of clear inputs, or none, and any is.
+        groups : into how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
         """
         some = self._at(step, marks)
         if self.axis == len(self.order) - 1:
