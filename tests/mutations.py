@@ -127,6 +127,7 @@ PROVER = tuple(
         "certified/bounds",
         "certified/arrivals",
         "certified/oblique",
+        "certified/packing",
         "certified/images",
         "certified/general_proof",
     )
