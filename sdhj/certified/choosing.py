@@ -442,16 +442,20 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     return Speeds(np.maximum(wider, 0.0), (ends[1] - ends[0]).mean(axis=(0, 1)), extremes, jacobians, _ways(problem))
 
 
-def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
+def cost(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
+) -> tuple[float, float]:
     """Seconds of one core that preparing a proof and the recursion take with these cells, by the constants above.
 
-    parts : of an interval
+    parts : of an interval. boxes : in how many each unsafe set is asked for
     """
-    each = costs(problem, axes, parts, speeds)
+    each = costs(problem, axes, parts, speeds, boxes)
     return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
 
 
-def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> dict[str, float]:
+def costs(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
+) -> dict[str, float]:
     """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion"."""
     depends = place_axes(problem, axes)
     moves, clear = shapes(problem, axes, depends)[1:]
@@ -463,17 +467,21 @@ def costs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, sp
     return {
         # as many calls as of a single place, so that more cells never cost less
         "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
-        "unsafe sets": _cost_of_sets(problem, axes, depends, starts, clear[0]),
+        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0]), boxes),
         "arrivals": _cost_of_arrivals(problem, axes, depends),
         "recursion": _cost_of_recursion(problem, axes, depends, speeds),
     }
 
 
 def _cost_of_sets(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, starts: int, times: int
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, often: tuple[int, int], boxes: int
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end."""
-    cells, count, out = math.prod(axis.count for axis in axes), len(problem.inputs), 0.0
+    """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
+
+    often : for how many starts moves are known, and clear inputs
+    """
+    (starts, times), count, out = often, len(problem.inputs), 0.0
+    cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
         """Of how many cells an input's tubes are looked at for something that depends on some axes."""
@@ -483,7 +491,7 @@ def _cost_of_sets(
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        out += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
+        out += BOXED * boxes * _operations(unsafe_set.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
 
