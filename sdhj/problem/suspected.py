@@ -64,7 +64,8 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        if (turns := _fastest(problem, axis) * problem.delta / turn) > 1:
+        speeds = problem.remembered("speeds at some states", partial(_fastest, problem))
+        if (turns := float(speeds[axis]) * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
                 turns,
@@ -72,11 +73,10 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             )
 
 
-def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
-    """The greatest speed along an axis at some states."""
-    states = _states(problem)
-    found = [np.abs(function(states)[:, axis]).max() for function in _velocities(problem)]
-    return float(np.max(found))
+def _fastest(problem: ReachAvoidProblem) -> FloatArray:
+    """The greatest speed along each axis at some states, one where all are alike: (ndim,)."""
+    states = _states(problem)[: 1 if problem.dynamics.stateless else None]
+    return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
@@ -90,9 +90,10 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
+    together = np.concatenate([states, further, elsewhere])
     for function in _functions(problem, axis):
         try:
-            here, there, other = function(states), function(further), function(elsewhere)
+            here, there, other = np.split(function(together), 3)
         except (ValueError, ArithmeticError):  # undefined a turn on
             return False
         scale = 1.0 + np.abs(here)
@@ -109,8 +110,9 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """The velocities under all inputs, and the level-set functions of sets on an axis, each of states (M, ndim)."""
-    yield from _velocities(problem)
+    """The velocities, if they read an axis, and the level-set functions of sets on it, each of states (M, ndim)."""
+    if problem.dynamics.reads[:, axis].any():
+        yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
             yield partial(_level, problem, part)
