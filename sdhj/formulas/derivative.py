@@ -25,8 +25,8 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
     """The derivatives of the nodes `outputs` by one coordinate or parameter, the leaf `by`, as nodes, in the same
     order.
 
-    Their intervals over a box bound every slope in it; they are undefined where an output may jump or be infinitely
-    steep. Exact is only what has no table: see `_interpolated`.
+    Their intervals over a box bound every slope in it, and are undefined where an output may jump or be infinitely
+    steep. Their values are the derivatives, except for tables (`_interpolated`).
     """
     found: Found = {}
     for one in ordered(outputs):
@@ -38,9 +38,10 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 
 
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
-    """The parts of outputs that are linear in the leaves `by`: for each output [rest, c_0, c_1, ...], nodes that do not
-    read `by`, with output = rest + sum over d of c_d by_d. None where an output is not linear in all of them together,
-    or this cannot be told.
+    """The parts of outputs that are linear in the leaves `by`: for each output [rest, c_0, c_1, ...].
+
+    output = rest + sum over d of c_d by_d, and no part reads `by`. None where an output is not linear in all of them
+    together, or this cannot be told.
     """
     slopes = [derivative(outputs, one) for one in by]
     rest = rebuilt(outputs, lambda one: ZERO if one in by else None)

@@ -28,7 +28,7 @@ POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
 
 
-def is_negative(value: Any) -> bool:
+def is_negative_zero(value: Any) -> bool:
     """Whether a value is a Python or NumPy float that is -0.0; no other negative number counts."""
     return isinstance(value, float) and value == 0.0 and math.copysign(1.0, value) < 0
 
