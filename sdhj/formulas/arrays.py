@@ -643,7 +643,7 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
-    """Make a function (a, axis=None, *, keepdims=False) that reduces by a ufunc of `REDUCED`, as np.sum does by np.add."""
+    """Make a function (a, axis=None, *, keepdims=False) that reduces by a ufunc of `REDUCED`, as np.sum by np.add."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 

@@ -521,7 +521,7 @@ class BlackBox:
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
-        """The black box whose points, and corners of boxes, are clipped to [lower, upper], (coordinates,) each, first."""
+        """The black box whose points, and corners of boxes, are first clipped to [lower, upper], (coordinates,)."""
 
         def cut(function: Any, count: int) -> Any:
             """`function` with its first `count` arguments, points or corners of boxes, clipped to [lower, upper]."""

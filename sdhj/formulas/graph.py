@@ -184,7 +184,7 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """The node a^b: of a constant b the cheapest operation (a, a^2, sqrt(a), 1/a, a whole power up to 64), else "pow"."""
+    """The node a^b: for a constant b the cheapest of a, a^2, sqrt(a), 1/a and a whole power up to 64, else "pow"."""
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)

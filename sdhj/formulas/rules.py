@@ -134,7 +134,7 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
 
 
 def settled(make: Make, one: Any) -> Any:
-    """A node that is 0 in boxes where the interval of the node `one` is a single number, and undefined in other boxes."""
+    """A node that is 0 in boxes where the node `one` has a single number for its interval, undefined in others."""
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
@@ -147,7 +147,7 @@ def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a node f that is constant between its jumps: 0, undefined in boxes in which f may jump (`settled`)."""
+    """Derivative of a node f that is constant between its jumps: 0, undefined in boxes where f may jump (`settled`)."""
     return settled(make, f)
 
 

@@ -88,8 +88,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value`, a sequence or array of shape (2,), as two finite floats above `above`; ValueError, naming it, otherwise.
-    """
+    """`value`, of shape (2,), as two finite floats, each above `above`; ValueError, naming it, otherwise."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape

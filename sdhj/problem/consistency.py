@@ -94,7 +94,7 @@ def try_goals(problem: Sampled) -> None:
     only some are looked at, and not finding one is no error: whether it can be solved, `solve` says.
     """
     steps, target, looked = range((problem.steps or 0) + 1), problem.target, 0
-    for piece in problem.grid.pieces_in_turn(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
+    for piece in problem.grid.pieces_at_random(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
         part, looked = problem.on(piece), looked + piece.size
         for step in steps:
             if (part.target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():

@@ -61,8 +61,7 @@ class Stated(Exception):
 
 
 class Meter:
-    """The progress of one solve: the solver calls `begin` once, then `tick` as often as it likes, and `tube` after each
-    tube.
+    """The progress of one solve, a bar: `begin`, then `tick` at will, and `tube` after avoid games and each tube.
 
     `with meter:` makes it the meter of this context, to which this module's functions `begin` and `tick` pass their
     calls; at the end its bar is closed. The bar shows operations, or tubes where the cost is not known.
@@ -146,10 +145,10 @@ class Meter:
             self.bar.update(more)
 
     def tube(self) -> None:
-        """Note that a tube is done: move the bar to the end of what was counted for it; ticks that follow belong to the
-        next tube.
+        """Note that the avoid games, or a tube, are done: move the bar to the end of what was counted for them.
 
-        Where the cost is not known the bar counts tubes; where `begin` was not called it is called, without a cost.
+        Ticks that follow belong to the next tube. Where the cost is not known, the bar counts the tubes; where `begin`
+        was not called, it is called here, without a cost.
         """
         if self.bar is None:  # of sets that state nothing
             self.begin(None, True)
