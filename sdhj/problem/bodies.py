@@ -344,7 +344,7 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
 
 
 def depths(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body, in its own frame and without its radius: (M,), minus the signed distance."""
+    """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,)."""
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))

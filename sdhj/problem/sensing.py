@@ -117,7 +117,7 @@ class Sensing:
 
     @property
     def remembers(self) -> bool:
-        """Whether the controller carries a point from step to step: `memory`, and there is an error, delay or jitter."""
+        """Whether the controller carries a point from step to step: `memory`, with an error, delay or jitter."""
         return self.memory and bool(self)
 
     @property
