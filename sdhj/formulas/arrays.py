@@ -73,8 +73,9 @@ class NotTraced(ValueError):
 
 @functools.cache
 def installed(file: str) -> bool:
-    """Whether a file belongs to Python or to an installed package, of this environment or another one; kept for each
-    path.
+    """Whether a file belongs to Python or to an installed package, of this environment or another one.
+
+    Kept for each path.
     """
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
@@ -175,8 +176,10 @@ class Traced(NDArrayOperatorsMixin):
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
-        """An array with these entries, which are not copied, and NumPy's type for them; NotTraced unless it is one of
-        the three.
+        """An array with these entries, which are not copied, and NumPy's type for them.
+
+        NotTraced unless the type is float64, int64 or bool. The array belongs to the trace that is under way in this
+        thread.
         """
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
@@ -221,8 +224,9 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __getitem__(self, at: Any) -> "Traced":
-        """The entries at an index, a view or a copy as NumPy's; NotTraced where the index is traced, or has a traced
-        part.
+        """The entries at an index, a view or a copy as NumPy's.
+
+        NotTraced where the index is traced, or has a traced part.
         """
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
@@ -419,8 +423,9 @@ def traced_array(value: Any) -> Traced:
 
 
 def stacked(values: Any) -> Traced:
-    """A list of values of one shape, traced or not, as one traced array with a new first axis; NotTraced if shapes
-    differ.
+    """A list of values of one shape, traced or not, as one traced array with a new first axis.
+
+    NotTraced if shapes differ.
     """
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
@@ -429,8 +434,9 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """The object array of nodes of a value; that of a traced array is not copied. NotTraced for what `traced_array`
-    refuses.
+    """The object array of nodes of a value; that of a traced array is not copied.
+
+    NotTraced for what `traced_array` refuses.
     """
     return traced_array(value).entries
 
@@ -525,11 +531,10 @@ def _truths(array: Any) -> Any:
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """The answer of a ufunc of traced arrays, entry by entry, of this dtype; NotTraced where it has no rule for their
-    types.
+    """The answer of a ufunc of traced arrays, entry by entry, of this dtype.
 
-    One truth value without dimensions is refused in `COUNTING`, since Python, which has it as a number, computes
-    something else.
+    NotTraced where it has no rule for their types. One truth value without dimensions is refused in `COUNTING`, since
+    Python, which has it as a number, computes something else.
     """
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
@@ -669,8 +674,9 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
-    """numpy.where(condition, one, other); numbers as a condition are true where they are not 0. NotTraced without
-    branches.
+    """numpy.where(condition, one, other); numbers as a condition are true where they are not 0.
+
+    NotTraced without branches.
     """
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
@@ -700,8 +706,9 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """numpy.round: rint(a 10^decimals) / 10^decimals; NotTraced for whole numbers and truth values, and for traced
-    decimals.
+    """numpy.round: rint(a 10^decimals) / 10^decimals.
+
+    NotTraced for whole numbers and truth values, and for traced decimals.
     """
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")

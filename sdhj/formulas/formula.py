@@ -94,14 +94,16 @@ class Formula(Remembering):
 
     @property
     def source(self) -> Callable[..., Any] | None:
-        """The user's function that it was read from; None once it has been compared with the formula, or where there
-        was none.
+        """The user's function that it was read from.
+
+        None once it has been compared with the formula, or where there was none.
         """
         return self._source[0] if self._source else None
 
     def forget_source(self) -> None:
-        """Forget, in place, the function that it was read from, which may hold large arrays; `source` is None from then
-        on.
+        """Forget, in place, the function that it was read from, which may hold large arrays.
+
+        `source` is None from then on.
         """
         self._source.clear()
 
@@ -116,11 +118,10 @@ class Formula(Remembering):
         return tuple(replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries)
 
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
-        """Values (M, *shape) at points (M, coordinates), for parameters that are numbers; traced values where an
-        argument is traced.
+        """Values (M, *shape) at points (M, coordinates), for parameters that are numbers.
 
-        ValueError where points or parameters do not fit, or a value is undefined or infinite; with finite=False what is
-        undefined is NaN, and nothing is checked of values.
+        Traced values where an argument is traced. ValueError where points or parameters do not fit, or a value is
+        undefined or infinite; with finite=False what is undefined is NaN, and nothing is checked of values.
         """
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
@@ -200,6 +201,7 @@ class Formula(Remembering):
     @cached_property
     def least_of(self) -> "tuple[Formula, ...]":
         """The formulas, of one result each, whose minimum this one is, by its form; (self,) where it is no minimum.
+
         Made once.
         """
         found, left = dict[Node, None](), [self.outputs[0]]
@@ -213,11 +215,10 @@ class Formula(Remembering):
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """What `bounds_by_branch` needs: (nodes that jump, formula of their operands, formula of the results); made
-        once.
+        """What `bounds_by_branch` needs: (nodes that jump, formula of their operands, formula of the results).
 
-        The nodes are `arctan2`, and `mod` by a constant above 0. The first formula has two results for each node: y and
-        x, or a / b and b for mod(a, b). The second one has the nodes' values as further coordinates.
+        Made once. The nodes are `arctan2`, and `mod` by a constant above 0. The first formula has two results for each
+        node: y and x, or a / b and b for mod(a, b). The second one has the nodes' values as further coordinates.
         """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
@@ -252,10 +253,9 @@ class Formula(Remembering):
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
-        """The function of points that have the coordinates `axes` alone, in this order; made once for each tuple of
-        axes.
+        """The function of points that have the coordinates `axes` alone, in this order.
 
-        The formula must read no other coordinates, which is not checked.
+        Made once for each tuple of axes. The formula must read no other coordinates, which is not checked.
         """
         places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
@@ -483,10 +483,10 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
-        """Check the function and what is declared of it; arrays are copied and made read-only, `reads` becomes a tuple
-        of int.
+        """Check the function and what is declared of it.
 
-        ValueError where something is no function, or a bound is negative or not finite.
+        Arrays are copied and made read-only, `reads` becomes a tuple of int. ValueError where something is no function,
+        or a bound is negative or not finite.
         """
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
@@ -502,8 +502,9 @@ class BlackBox:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
-        """The black box under another name, for messages; ValueError where its functions do not take what they are to
-        be given.
+        """The black box under another name, for messages.
+
+        ValueError where its functions do not take what they are to be given.
 
         rest : names of what the function takes after the state; not checked if `takes` is given. takes : names of what
         the enclosure takes after low and high, by default t0 and t1.

@@ -164,12 +164,11 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """The node of operation `op` with these operands, simplified; without operands the constant `value`, whatever `op`
-    is.
+    """The node of operation `op` with these operands, simplified.
 
-    Simplified is only what changes neither a value, to the last bit, nor where the node is undefined: constants are
-    computed where that is exact, and `Rule.simpler` has its say. value : the number of a constant, the exponent of
-    "power", or the `Lookup` of "gridded".
+    Without operands the constant `value`, whatever `op` is. Simplified is only what changes neither a value, to the
+    last bit, nor where the node is undefined: constants are computed where that is exact, and `Rule.simpler` has its
+    say. value : the number of a constant, the exponent of "power", or the `Lookup` of "gridded".
     """
     if not args:
         return constant(value)

@@ -27,10 +27,10 @@ def where(condition: Node, one: Node, other: Node) -> Node:
 
 
 def quotient(a: Node, b: Node) -> Node:
-    """The node a / b; where |a| <= b by form and b is kept above 0, made of "share"s, quotients that are cut to [-1,
-    1].
+    """The node a / b, made of "share"s where that is possible: quotients that are cut to [-1, 1].
 
-    Kept above 0 is the maximum of a constant above 0 and something, or the sum of one and what is never negative.
+    It is where |a| <= b by form (`_shares`), and b is kept above 0: b is the maximum of a constant above 0 and
+    something, or the sum of one and what is never negative.
     """
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))

@@ -14,8 +14,7 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a user's function, the state's first; others may follow that the caller does not
-    know.
+    """The positional parameters of a user's function: the state's first, then others, also ones that are not known.
 
     name : what the function is, for messages. signature : that of the function. known : the names that may stand after
     the state, such as "t". ValueError where the first parameter has the name of an input, disturbance or time (the

@@ -23,12 +23,12 @@ Make = Callable[..., Any]  # `graph.make`: make(name of an operation, *operands,
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation f of up to three operands a, b and c (a table's look-up: up to six), and all that is known of it:
-    its NumPy functions, rounding error, domain, simplification, derivative and text.
+    """One operation f of operands a, b and c, and all that is known of it.
 
-    Where the kernels have no rule of their own for its interval (`direct`), the interval follows from the values at the
-    ends of the operands' intervals, moved outward by `error`. Those are the extremes, because f rises with every
-    operand or, if `falls`, falls with the first one; if it is `absolute`, this holds of the operands' absolute values.
+    That is: its NumPy functions, rounding error, domain, simplification, derivative and text. Where the kernels have no
+    rule of their own for its interval (`direct`), the interval follows from the values at the ends of the operands'
+    intervals, moved outward by `error`. Those are the extremes, because f rises with every operand or, if `falls`,
+    falls with the first one; if it is `absolute`, this holds of the operands' absolute values.
     """
 
     name: str  # the operation's name in texts of formulas, and the field `op` of a node
@@ -78,8 +78,9 @@ def _add(make: Make, a: Any, b: Any) -> Any:
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
-    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b; None where nothing
-    is simpler.
+    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b.
+
+    None where nothing is simpler.
     """
     if _is(b, 0.0):
         return a
@@ -89,8 +90,9 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
-    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2; None where
-    nothing is simpler.
+    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2.
+
+    None where nothing is simpler.
     """
     for one, other in ((a, b), (b, a)):
         if _is(one, 0.0) and other.total:
@@ -103,8 +105,9 @@ def _mul(make: Make, a: Any, b: Any) -> Any:
 
 
 def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
-    """The node `where` simplified: of a constant condition, or between equal branches; None where nothing is
-    simpler.
+    """The node `where` simplified: of a constant condition, or between equal branches.
+
+    None where nothing is simpler.
     """
     if condition.op == "const":
         return condition if math.isnan(condition.value) else a if condition.value else b
@@ -118,8 +121,10 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     """
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
-        """The node op(a, b) simplified: a or b where the other is equal or neutral, and op(op(c, 1), 2) = op(c, op(1,
-        2)) of constants 1 and 2; None where nothing is simpler.
+        """The node op(a, b) simplified; None where nothing is simpler.
+
+        a or b where the two are one node, or the other one is neutral; op(op(c, 1), 2) = op(c, op(1, 2)) for constants
+        1 and 2.
         """
         if a is b or _is(b, neutral):
             return a

@@ -48,8 +48,9 @@ def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array: itself where its entries are in C order, else a copy; at least one
-    dimension.
+    """numpy.ascontiguousarray of a traced array, with at least one dimension: itself where its entries are in C order.
+
+    dtype : by default its own. Otherwise a copy.
     """
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
@@ -187,8 +188,9 @@ def _users_modules() -> list[dict[str, Any]]:
 
 
 def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: a Python file that is neither installed nor of this package; `sdhj.arm` counts as
-    a user.
+    """Whether a module is the user's: a Python file that is neither installed nor of this package.
+
+    `sdhj.arm` counts as a user.
     """
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
@@ -242,8 +244,9 @@ def points_of(count: int, rows: int) -> Traced:
 
 
 def parameter(first: int, count: int | None = None) -> Traced:
-    """Parameter number `first` as a read-only traced number; with a `count`, a traced row of so many, numbered from
-    `first`.
+    """Parameter number `first` as a read-only traced number.
+
+    With a `count`, a traced row of so many, numbered from `first`.
     """
     entries = np.array([leaf("p", first + d) for d in range(count or 1)], dtype=object)
     entries.setflags(write=False)

@@ -60,11 +60,11 @@ def signs(one: Node, values: Values) -> set[float]:
 
 
 def _ways(one: Node) -> list[Node]:
-    """What a node becomes for each combination of the choices that its operations have; at most `MOST_CHOSEN` + 1
-    nodes.
+    """What a node becomes for each combination of the choices that its operations have.
 
-    The choices: one operand of `Rule.chooses`, 0 or 1 of a truth value, the rounded number or 0 of "floor", the
-    interpolated number or 0 of a table with zeros. Nodes are neither simplified nor computed.
+    At most `MOST_CHOSEN` + 1 nodes. The choices: one operand of `Rule.chooses`, 0 or 1 of a truth value, the rounded
+    number or 0 of "floor", the interpolated number or 0 of a table with zeros. Nodes are neither simplified nor
+    computed.
     """
     found = dict[Node, list[Node]]()
     for each in ordered([one]):

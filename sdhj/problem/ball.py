@@ -64,8 +64,9 @@ class Ball:
 
     @property
     def directions(self) -> FloatArray:
-        """Unit vectors along which the K = sides / 2 pairs of sides run, (cos(pi k / K), sin(pi k / K)), k = 0 ... K -
-        1: (2, K).
+        """Unit vectors along which the K = sides / 2 pairs of sides run: (2, K).
+
+        (cos(pi k / K), sin(pi k / K)) for k = 0 to K - 1.
         """
         angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
         return np.stack([np.cos(angles), np.sin(angles)])

@@ -115,10 +115,10 @@ class Body:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
-        """Check vertices, radius and pose, and cut the body into its parts; vertices become a read-only copy, two equal
-        ones a point.
+        """Check vertices, radius and pose, and cut the body into its parts.
 
-        ValueError where one does not fit; ImportError for a polygon without Shapely.
+        Vertices become a read-only copy, two equal ones a point. ValueError where one does not fit; ImportError for a
+        polygon without Shapely.
         """
         vertices = finite_array("vertices of a body", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
@@ -152,10 +152,9 @@ class Body:
         return [*sides, *parts_of(around(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """The body's pose at points (M, axes) and time t: x, y, heading, each (M,) or a number; without a `pose` the
-        first three coordinates.
+        """The body's pose at points (M, axes) and time t: x, y, heading, each (M,) or a number.
 
-        ValueError where the pose does not return three.
+        Without a `pose` the first three coordinates. ValueError where the pose does not return three.
         """
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
@@ -231,8 +230,9 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose (x, y, heading) as seen from the frame with the pose other = (a, b, turned): (R(-turned) (x - a, y - b),
-    heading - turned).
+    """The pose (x, y, heading) as seen from a frame with the pose other = (a, b, turned).
+
+    (R(-turned) (x - a, y - b), heading - turned); numbers, or arrays (M,), also traced.
     """
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
@@ -245,8 +245,9 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies of a robot from what a user gives as its footprint: a Body, several, or vertices (K, 2); [`POINT`] for
-    None.
+    """The bodies of a robot from what a user gives as its footprint: a Body, several, or vertices (K, 2).
+
+    [`POINT`] for None.
 
     axes : those of the set, of which there must be three if a body has no pose of its own; else ValueError, as for all
     else that is given.
@@ -290,12 +291,12 @@ def body_level_set(
 
 
 def cover(body: Body, tolerance: float) -> FloatArray:
-    """Disks (K, 3), x, y and radius in the body's frame, that cover a body without its radius, and reach at most
-    `tolerance` beyond it, m.
+    """Disks (K, 3), x, y and radius in the body's frame, that cover a body and reach at most `tolerance` beyond it, m.
 
-    The body is cut into squares, halved until one is small beside how deep it lies, or beside the tolerance. Each
-    square's middle may have a disk, as large as it is deep and a tolerance more, of which `chosen` takes some. A square
-    is covered where one disk has all its corners. ValueError where that takes more than `MOST_SQUARES` squares.
+    The body's radius is left out. The body is cut into squares, halved until one is small beside how deep it lies, or
+    beside the tolerance. Each square's middle may have a disk, as large as it is deep and a tolerance more, of which
+    `chosen` takes some. A square is covered where one disk has all its corners. ValueError where that takes more than
+    `MOST_SQUARES` squares.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])

@@ -25,8 +25,7 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 
 def nodes_read(cells: float) -> int:
-    """How many nodes to each side are read for a shift by up to `cells` >= 0 cells, or for the maximum over a box that
-    reaches so far.
+    """How many nodes to each side are read for a shift by up to `cells` >= 0 cells, or the maximum over so large a box.
 
     floor(cells) + 2, as the limited second difference reads one node more; 0 for 0 cells.
     """
@@ -83,8 +82,9 @@ def intervals(
 
 
 class Maxima(NamedTuple):
-    """Maxima of functions over boxes, some of the boxes, taken along all axes but one; `of` and `split` make the last
-    step.
+    """Maxima of functions over boxes, some of the boxes, taken along all axes but one.
+
+    `of` and `split` make the last step.
     """
 
     first: int  # the number of the first of these boxes
@@ -184,8 +184,8 @@ def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Lev
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] around the nodes x, for a run of successive
-    boxes j at a time.
+    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] around the nodes x, for some successive j at
+    a time.
 
     Parameters
     ----------
@@ -202,6 +202,7 @@ def maxima(
     Yields
     ------
     Maxima
+        Of the boxes from `first` on, in their order. Its last step is left to its `of`.
     """
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -218,10 +219,10 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """How many operations (`sdhj.problem.cost`) `maxima` takes over the boxes with corners low, high (L, ndim), in the
-    axes' units.
+    """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
 
-    For each node and interval `A_READ` times (4 + the nodes between, once around at most).
+    For each node and interval `A_READ` times (4 + the nodes between, once around at most). low, high : in the axes'
+    units.
     """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -281,8 +282,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """What values at the nodes may be at most: minus the distance to the safe end that a node lies past, +inf at all
-    others; (*shape).
+    """What values at the nodes may be at most, (*shape): minus the distance past a safe end, +inf at nodes past none.
 
     None where the grid has no padding. Made once for each grid.
     """

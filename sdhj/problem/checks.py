@@ -17,8 +17,7 @@ KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {
 
 
 class Options:
-    """Base of dataclasses of options, all of whose fields can be given by keyword; an unknown keyword is a TypeError
-    that says what to write.
+    """Base of dataclasses of options: an unknown keyword is a TypeError that says what to write.
 
     A field whose default_factory is another class of options is a part of them.
     """
@@ -42,10 +41,10 @@ def options_of(kind: Any) -> dict[str, Any]:
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """Advice for an option `name` that belongs to a part of the class `kind`, at any depth: "it belongs to
-    PART=sdhj.CLASS(NAME=...)".
+    """Advice for an option `name` of a part of the class `kind`: "it belongs to PART=sdhj.CLASS(NAME=...)".
 
-    What is wrong with the value there is added to it. "" if no part has such an option.
+    Parts are looked through at any depth. What is wrong with the value there is added to it. "" if no part has such an
+    option.
     """
     for part in options_of(kind).values():
         inner = part.default_factory
@@ -210,10 +209,10 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int; ValueError, with the set's `name`, unless they are a sequence of whole
-    numbers.
+    """The axes of a set as a tuple of int.
 
-    Whether the grid has such axes is not checked, nor whether an axis occurs twice.
+    ValueError, with the set's `name`, unless they are a sequence of whole numbers. Whether the grid has such axes is
+    not checked, nor whether an axis occurs twice.
     """
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):

@@ -25,10 +25,9 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """States on a grid at which functions are compared with what was read of them, (`COMPARED_STATES`, ndim); always
-    the same.
+    """States on a grid at which functions are compared with what was read of them, (`COMPARED_STATES`, ndim).
 
-    They are random; in the first tenth of them every coordinate is a node, an end or a zero.
+    Always the same. They are random; in the first tenth of them every coordinate is a node, an end or a zero.
     """
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))

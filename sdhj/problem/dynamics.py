@@ -94,11 +94,11 @@ class Dynamics:
     _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check inputs, functions and arrays; arrays become read-only copies, and a `Ball` the components along its
-        sides.
+        """Check inputs, functions and arrays.
 
-        With a ball and a velocity, a second Dynamics, `_polar`, has v in polar coordinates, in case v does not enter
-        linearly. ValueError where something does not fit.
+        Arrays become read-only copies, and a `Ball` the components along its sides. With a ball and a velocity, a
+        second Dynamics, `_polar`, has v in polar coordinates, in case v does not enter linearly. ValueError where
+        something does not fit.
         """
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
@@ -250,17 +250,18 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """gain_{id} |bounds_d| at traced points (M, ndim) and time t, under each input: (M, L, ndim, D), the gain for |v_d|
-    <= 1.
+    """The gain for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim, D).
+
+    gain_{id} |bounds_d|, both formulas with results (L, ndim, D) and (L, D).
     """
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|) at traced points, under each input: (M, L, ndim), the velocity for
-    |v_d| <= 1.
+    """The velocity for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim).
 
-    velocity : a formula with results (L, ndim). bounds : one with results (L, D). v : D traced numbers.
+    f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|). velocity : a formula with results (L, ndim). bounds : one with results
+    (L, D). v : D traced numbers.
     """
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
@@ -320,16 +321,17 @@ class VectorField:
 
     @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, read-only, made once. Only where the dynamics are
-        `constant`.
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, read-only, made once.
+
+        Only where the dynamics are `constant`.
         """
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
         return drift, gain[0], bounds[0]
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state, under any input; of black boxes by what they declare in
-        `reads`.
+        """Whether velocities do not depend on the state, under any input; a black box does unless `reads` is empty.
+        Made once.
         """
         return not self.reads.any()
 
@@ -345,8 +347,9 @@ class VectorField:
 
     @cached_property
     def shared_gain(self) -> bool:
-        """Whether gain and bounds are the same formulas for every input; False for a black box, and where v does not
-        enter linearly.
+        """Whether gain and bounds are the same formulas for every input.
+
+        False for a black box, and where v does not enter linearly.
         """
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
@@ -403,10 +406,9 @@ class VectorField:
 
     @cached_property
     def _moved(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool; made
-        once.
+        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool.
 
-        It does where the formula of that velocity reads it.
+        Made once. It does where the formula of that velocity reads it.
         """
         each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
         return np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each])
@@ -441,11 +443,10 @@ class VectorField:
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some of the axes, numbered anew in the order of `axes`; the other coordinates are set to
-        `lower` (ndim,).
+        """The dynamics of some of the axes, numbered anew in the order of `axes`.
 
-        The velocities of these axes must read no other coordinate, which is not checked. A black box loses its
-        enclosure.
+        The other coordinates are set to `lower` (ndim,). The velocities of these axes must read no other coordinate,
+        which is not checked. A black box loses its enclosure.
         """
         keep = list(axes)
 
@@ -456,8 +457,9 @@ class VectorField:
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
-            """Drift or gain with its components along `axes` alone, as a formula or black box of points on these; None
-            stays None.
+            """Drift or gain with its components along `axes` alone, as a formula or black box of points on these.
+
+            None stays None.
             """
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
@@ -505,8 +507,9 @@ class VectorField:
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
-        """Velocity under input j (an index) without a disturbance, at points (M, ndim) and time t in s: (M, ndim). Also
-        traced.
+        """Velocity under input j (an index) without a disturbance, at points (M, ndim) and time t in s: (M, ndim).
+
+        Also traced.
         """
         still = [0.0] * self.adversaries if self.gain is None else []
         return self.each["drift"][j](points, t, *still)
@@ -526,10 +529,9 @@ class VectorField:
         return np.stack(columns, axis=2)
 
     def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
-        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim). Also
-        traced.
+        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim).
 
-        That v is within its bounds is not checked.
+        Also traced. That v is within its bounds is not checked.
         """
         each = np.broadcast_to(v, (len(points), self.adversaries))
         if self.gain is not None:
@@ -613,11 +615,11 @@ class VectorField:
         return least[:, 0], greatest[:, 1]
 
     def greatest_along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . velocity over all v for each way n, a row of `ways` (K, ndim), at points (M, ndim) and time
-        t: (M, K).
+        """The greatest n . velocity over all v for each way n, under input j at points (M, ndim) and time t: (M, K).
 
-        Only where v does not enter linearly: it is the maximum over the boxes of velocities of all combinations of
-        pieces of v (`cuts`), so an upper bound. ValueError where a velocity may be undefined.
+        ways (K, ndim) : the vectors n. Only where v does not enter linearly: it is the maximum over the boxes of
+        velocities of all combinations of pieces of v (`cuts`), so an upper bound. ValueError where a velocity may be
+        undefined.
         """
         ends = self.disturbance(j, points[:1], points[:1], (t, t))
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
@@ -678,7 +680,8 @@ def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = No
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """function(...) with those of points, u, t and v that it takes. takes : their names. given : all four in this
-    order, v or not.
+    """function(...) with those of points, u, t and v that it takes.
+
+    takes : their names, in the function's order. given : points, u, t and perhaps v, in this order.
     """
     return function(*_taken(takes, *given))

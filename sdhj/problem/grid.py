@@ -84,8 +84,9 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
-        """Check the arguments and write them out for each axis (`Grid`); ValueError, which names the axis, where one
-        does not fit.
+        """Check the arguments and write them out for each axis (`Grid`).
+
+        ValueError, which names the axis, where one does not fit.
         """
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
@@ -211,10 +212,10 @@ class Grid:
             yield from [piece] if some else piece.pieces(axis + 1)
 
     def pieces_at_random(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
-        """Yield in a random order the windows that `pieces` yields; if they are more than `most`, `drawn` of them
-        instead.
+        """Yield in a random order the windows that `pieces` yields.
 
-        Those are drawn with repetition. rng : decides order and choice.
+        If they are more than `most`, `drawn` of them instead. Those are drawn with repetition. rng : decides order and
+        choice.
         """
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
@@ -290,9 +291,7 @@ class Grid:
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index, a slice for each axis, of the nodes that are not part of the `padding`; on a window that of the whole
-        grid.
-        """
+        """Index, a slice for each axis, of the nodes that are not part of the `padding`; not meant for a window."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -389,8 +388,9 @@ class Grid:
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid as compiled code takes it, a `Lattice`, read-only, made once. `least`, `most` and `safe_ends` have
-        `SLACK` cells added.
+        """The grid as compiled code takes it, a `Lattice`, read-only, made once.
+
+        `least`, `most` and `safe_ends` have `SLACK` cells added.
         """
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
@@ -409,11 +409,10 @@ class Grid:
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each; -inf and +inf for other
-        ends.
+        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each.
 
-        Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, kept by the
-        fates.
+        -inf and +inf for other ends. Where the grid has a `padding`, the end is where this begins, not where the nodes
+        end. Read-only, kept by the fates.
         """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)
@@ -427,10 +426,9 @@ class Grid:
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance from each node to the nearest end with a fate, along the end's own axis and in its unit; broadcasts
-        to the grid.
+        """Distance from each node to the nearest end with a fate, along the end's own axis and in its unit.
 
-        < 0 at nodes past the end, +inf where there is no such end.
+        Broadcasts to the grid. < 0 at nodes past the end, +inf where there is no such end.
         """
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
@@ -444,8 +442,9 @@ class Grid:
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim), also traced ones, clipped at the ends with these fates, by default at walls ("holds"); a
-        new array.
+        """States (..., ndim), also traced ones, clipped at the ends with these fates, by default at walls ("holds").
+
+        A new array.
         """
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
@@ -470,8 +469,9 @@ class Grid:
         return total
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of an axis's length that each of its nodes represents, (shape[axis],), adding up to 1; half a cell at
-        bounded ends.
+        """Share of an axis's length that each of its nodes represents, (shape[axis],), adding up to 1.
+
+        Half a cell at bounded ends.
         """
         share = np.ones(self.shape[axis])
         if not self.periodic[axis]:

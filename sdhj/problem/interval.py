@@ -174,15 +174,17 @@ class Interval:
 
     @property
     def end(self) -> float:
-        """The latest time at which the interval ends, s: begin + delta. The adversary may end it sooner by up to
-        `early`.
+        """The latest time at which the interval ends, s: begin + delta.
+
+        The adversary may end it sooner by up to `early`.
         """
         return self.begin + self.delta
 
     @cached_property
     def walled(self) -> "Interval":
-        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped;
-        made once.
+        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped.
+
+        Made once.
         """
         return replace(self, grid=self.grid.walled)
 
@@ -366,11 +368,11 @@ class Interval:
         return found
 
     def _ahead(self, states: Any, begin: Any) -> Any:
-        """`ahead` of states (M, ndim), also traced, for an interval that begins at `begin`, with the states first: (M,
-        4 + K, L, ndim).
+        """`ahead` of states (M, ndim) for an interval that begins at `begin`, with the states first: (M, 4 + K, L,
+        ndim).
 
-        M is 1 in the result where it is the same for all states. The boxes are hulls over three of the ends that the
-        adversary may choose (now, in the middle and at the latest), widened by `wider`.
+        M is 1 in the result where it is the same for all states. States may be traced. The boxes are hulls over three
+        of the ends that the adversary may choose (now, in the middle and at the latest), widened by `wider`.
         """
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
@@ -410,12 +412,11 @@ class Interval:
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over all v for each way n (K, ndim), from states (M, ndim) under each input:
-        (M, L, K).
+        """The greatest n . (x(end) - x) over all v for each way n, from states (M, ndim) under each input: (M, L, K).
 
-        M is 1 in the result, and the result an upper bound, where velocities do not depend on the state. Else delta
-        times the greatest velocity beyond the drift, halfway, at the begin, middle and end, is added to the drift by
-        the midpoint rule. begin : the time at which the interval begins.
+        ways (K, ndim) : the vectors n. Where velocities do not depend on the state, M is 1 in the result, which is an
+        upper bound. Else delta times the greatest velocity beyond the drift, halfway, at the begin, middle and end, is
+        added to the drift by the midpoint rule. begin : the time at which the interval begins.
         """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
@@ -568,8 +569,9 @@ class Interval:
     # ---- on the grid: velocity sets for the games
 
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """The values at time t of a formula with one result, at the nodes of the axes that it reads; broadcasts to the
-        subgrid of `seen`.
+        """The values at time t of a formula with one result, at the nodes of the axes that it reads.
+
+        Broadcasts to the subgrid of `seen`.
 
         seen : axes, ascending, among which are all that the formula reads.
         """
@@ -649,9 +651,7 @@ class Interval:
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """All of these axes and those that their velocities read, ascending; and the positions in this list of the
-        added ones.
-        """
+        """These axes and those that their velocities read, ascending, and where in this list the added ones stand."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
@@ -679,8 +679,9 @@ class Interval:
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points_of_axes(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, in their order; other coordinates are the
-        lower ends.
+        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, in their order.
+
+        Other coordinates are the lower ends.
         """
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))
@@ -688,8 +689,8 @@ class Interval:
         return points
 
     def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The velocity set under input j along some axes at time t, where v does not enter linearly, as a box for each
-        piece of v.
+        """The velocity set under input j along some axes at time t as a box for each piece of v, where v does not enter
+        linearly.
 
         The boxes are modes with a diagonal gain; a single one is a plain box. Each velocity is in the box of some
         piece, so the true H is at most the maximum over them, which is at most that of one box for all v. The boxes

@@ -23,8 +23,9 @@ def available() -> tuple[int, str] | None:
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, "are available") for the memory that the machine has available; nothing where there is no
-    /proc/meminfo.
+    """Yield (bytes, "are available") for the memory that the machine has available.
+
+    Nothing where there is no /proc/meminfo.
     """
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
@@ -32,8 +33,9 @@ def _of_machine() -> Iterator[tuple[int, str]]:
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """Yield (bytes, words that name the limit) for what is left of this process's address space; nothing if it is not
-    limited.
+    """Yield (bytes, words that name the limit) for what is left of this process's address space.
+
+    Nothing if it is not limited.
     """
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
@@ -47,8 +49,7 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """Yield (bytes left, words that name the group) for each control group of the process and each group above it that
-    has a limit.
+    """Yield (bytes left, words that name the group) for each limited control group of the process, and those above it.
 
     Memory that the group can reclaim counts as left. A container sees its own group as the root.
 

@@ -73,8 +73,7 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 
 
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
-    """The largest |value| of a level-set function of points at the corners of a grid; of a window's whole grid for a
-    window.
+    """The largest |value| of a level-set function of points at the corners of a grid; for a window, of the whole grid.
 
     What counts as rounding is relative to this, so that neither the unit nor the cut of the grid makes a difference. 1
     where all values are 0 or undefined.
@@ -85,14 +84,13 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 
 def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
-    """Values (*grid.shape) of an unsafe set, made negative at all nodes where they are <= 0, as G is closed; a new
-    array.
+    """Values (*grid.shape) of an unsafe set, made negative at all nodes where they are <= 0, as G is closed.
 
-    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
-    distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is therefore
-    extrapolated into the set with its slope just outside, which puts the boundary of a distance where it belongs. If
-    the slope at the set is steeper than before, as where the function jumps or is cut off, the set is assumed to end
-    next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
+    A new array. A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set
+    (an unsigned distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is
+    therefore extrapolated into the set with its slope just outside, which puts the boundary of a distance where it
+    belongs. If the slope at the set is steeper than before, as where the function jumps or is cut off, the set is
+    assumed to end next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
 
     size : of the function, from `size_of`; `ON_BOUNDARY` and `HAIR` are shares of it.
     """

@@ -151,10 +151,10 @@ class ReachAvoidProblem(Sampled):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """Check the types of the fields, and that there is something to do; ValueError otherwise. `__post_init__` calls
-        it first.
+        """Check the types of the fields, and that there is something to do; ValueError otherwise.
 
-        In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the recipe read-only.
+        `__post_init__` calls it first. In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the
+        recipe read-only.
         """
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
@@ -187,7 +187,8 @@ class ReachAvoidProblem(Sampled):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, hexadecimal, of everything that a table depends on, and of all names (`digest_of`); made once, black
-        boxes being called.
+        """SHA-256, hexadecimal, of everything that a table depends on, and of all names (`digest_of`).
+
+        Made once, black boxes being called.
         """
         return digest_of(described(self), arrays_of(self))

@@ -279,16 +279,17 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """|v| of all samples, how much of it errors of measurement may be, (T, D) each, and by how much no push explains a
-    state, (T, ndim).
+    """The pushes of all samples, what errors of measurement may add to them, and by how much no push explains a state.
 
-    tables : records (T_i, 1 + ndim + m), whose T = sum(T_i - 1) samples stand one record behind the other in the
-    results. error (ndim,) : of their states.
+    (|v|, (T, D); the errors' share of it, (T, D); the distance on each axis, (T, ndim)), for T = sum(T_i - 1) samples.
+
+    tables : records (T_i, 1 + ndim + m), whose samples stand one record behind the other in the results. error (ndim,)
+    : of their states.
 
     v solves y_{i+1} = flow(y_i, u_i, v; dt) by `CORRECTIONS` steps of Newton's method with the pseudoinverse B^+ of the
     gain; |v| is -inf where the gain does not tell a component from the others. Errors may be |B^+| (e + w(dt)) / dt,
-    with the longest dt. What is unexplained by less than `INTEGRATED` of an axis counts as 0. ValueError for an input
-    that the problem does not have.
+    with w at the longest dt. What is unexplained by less than `INTEGRATED` of an axis counts as 0. ValueError for an
+    input that the problem does not have.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -338,8 +339,9 @@ def _flow(
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:
-        """The velocity (M, ndim) at states q, `after` Runge-Kutta steps of the first row's length later than t, under
-        inputs and v.
+        """The velocity (M, ndim) at states q under inputs and v, at a time after t.
+
+        after : by how many Runge-Kutta steps h of the first row: the time is t + after h[0], one for all rows.
         """
         now = t + after * float(h[0, 0])
         pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)

@@ -69,8 +69,9 @@ def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """{name: Formula} of a head; ValueError where one has other coordinates, parameters or results than its name says,
-    or cannot be read.
+    """{name: Formula} of a head.
+
+    ValueError where one has other coordinates, parameters or results than its name says, or cannot be read.
 
     head, tables : as of `problem_from`. Formulas with a name that no part of the problem has are left out.
     """
@@ -91,13 +92,13 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
-    """In words, how a problem differs from what a file describes, by more than the rounding of another machine; "" if
-    not at all.
+    """In words, how a problem differs from what a file describes, by more than rounding; "" if it does not.
 
     head, arrays : those of the file, the head read as for `problem_from`. Must be equal: delta, steps, view_time,
     sensing, the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas.
-    To 1e-12 must agree: constants and tables of formulas (`sdhj.formulas.text.alike`), inputs, and the values of black
-    boxes, which are called for them (`near`). ValueError where the head's formulas cannot be read.
+    To 1e-12, for another machine's rounding, must agree: constants and tables of formulas (`sdhj.formulas.text.alike`),
+    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the head's formulas
+    cannot be read.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].told, problem.sensing.told

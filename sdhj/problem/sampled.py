@@ -33,9 +33,8 @@ class Sampled(Statement):
     @cached_property
     def padded(self) -> Self:
         """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is no safe end.
-        Made once.
 
-        Past a safe end dynamics and unsafe sets are as at the end.
+        Made once. Past a safe end dynamics and unsafe sets are as at the end.
         """
         grid = self.grid
         padding = np.isfinite(grid.faces("frees")).T * PADDING  # (ndim, 2)
@@ -109,11 +108,10 @@ class Sampled(Statement):
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
-        """g of one unsafe set over [t0, t1], s (`UnsafeSet.over`), at the nodes of the subgrid of its axes, made
-        `closed`; read-only.
+        """g of one unsafe set over [t0, t1], s (`UnsafeSet.over`), at the nodes of the subgrid of its axes; read-only.
 
-        axes : others among which the set's are, ascending, to whose subgrid the values are broadcast. view_time : by
-        default the problem's.
+        It is made `closed`. axes : others among which the set's are, ascending, to whose subgrid the values are
+        broadcast. view_time : by default the problem's.
         """
         axes, view_time = tuple(axes) or unsafe_set.axes, view_time or self.view_time
         swept = partial(unsafe_set.over, t0=t0, t1=t1, view_time=view_time)
@@ -195,8 +193,9 @@ class Sampled(Statement):
         return grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,); periodic axes
-        are wrapped.
+        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
+
+        Periodic axes are wrapped.
         """
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
@@ -295,9 +294,7 @@ class Sampled(Statement):
 
 @dataclass(frozen=True)
 class OnWindow(Sampled):
-    """A problem on a window of its grid, made by `Sampled.on`, without checks, as its functions have been checked on
-    the `whole` problem.
-    """
+    """A problem on a window of its grid, made by `Sampled.on`; not checked, as the `whole` problem has been."""
 
     whole: Sampled = field(kw_only=True)
 
@@ -312,10 +309,10 @@ class OnWindow(Sampled):
         return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
-        """The interval from step k on the window; its `speeds` are those of the whole grid where velocities depend on
-        the state alone.
+        """The interval from step k on the window.
 
-        Where they depend on time, or not on the state, it is made as on any grid.
+        Its `speeds` are those of the whole grid where velocities depend on the state alone. Where they depend on time,
+        or not on the state, it is made as on any grid.
         """
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)

@@ -94,8 +94,9 @@ class Sensing:
     memory: bool = True
 
     def __post_init__(self) -> None:
-        """Check the numbers; `error` becomes a float, or a tuple of one for each axis. ValueError where one does not
-        fit.
+        """Check the numbers; `error` becomes a float, or a tuple of one for each axis.
+
+        ValueError where one does not fit.
         """
         if isinstance(self.error, Sequence | np.ndarray) and not isinstance(self.error, str):
             errors = tuple(number(f"error[{axis}]", one, least=0.0) for axis, one in enumerate(self.error))
@@ -110,8 +111,9 @@ class Sensing:
         object.__setattr__(self, "memory", bool(self.memory))
 
     def __bool__(self) -> bool:
-        """Whether there is any error, delay or jitter; if not, robots measure exactly and act at once, whatever
-        `memory` is.
+        """Whether there is any error, delay or jitter.
+
+        If not, robots measure exactly and act at once, whatever `memory` is.
         """
         return bool(np.any(self.error) or self.delay or self.jitter)
 

@@ -356,8 +356,9 @@ class UnsafeSet:
         return bool(self.level_set.timed)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under each of these inputs, indices: bool, in their shape; for None (), whether
-        under all inputs.
+        """Whether the set is unsafe under each of these inputs, indices: bool, in their shape.
+
+        For None (), whether under all inputs.
         """
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)

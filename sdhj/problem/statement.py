@@ -73,8 +73,9 @@ class Statement(Remembering):
 
     @property
     def inputs(self) -> FloatArray:
-        """The inputs u_j that the robot can choose from, (L, m), one in each row, as they were given to `Dynamics`;
-        read-only.
+        """The inputs u_j that the robot can choose from, (L, m), one in each row, as they were given to `Dynamics`.
+
+        Read-only.
         """
         return self.dynamics.inputs
 
@@ -104,15 +105,15 @@ class Statement(Remembering):
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, the box around a prediction that holds the state, and by how much reachable boxes are
-        widened: (ndim,) each.
+        widened.
 
-        E = w(delay) of dw/dt = A w + b + jumps, w(0) = error (`steepness.rates`, `growth_bound`). Boxes of reachable
-        states are widened so that they hold the next prediction too: by E and its growth over the longest hold
-        (`Sensing.hold`), from A and jumps alone. With memory they are widened so that they hold the next point that is
-        carried on: by `error_growth` less b times the longest hold.
+        (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
+        = A w + b + jumps, w(0) = error (`steepness.rates`, `growth_bound`). Boxes of reachable states are widened so
+        that they hold the next prediction too: by E and its growth over the longest hold (`Sensing.hold`), from A and
+        jumps alone. With memory they are widened so that they hold the next point that is carried on: by `error_growth`
+        less b times the longest hold.
 
-        In the units of the axes; both 0 without a `Sensing`; read-only, made once. ValueError where black boxes declare
-        too little for A and b.
+        ValueError where black boxes declare too little for A and b.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
@@ -125,13 +126,12 @@ class Statement(Remembering):
 
     @kept
     def error_growth(self) -> FloatArray:
-        """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,), read-only,
-        made once.
+        """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
 
         w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.rates`, `growth_bound`), and h = delta + 2 jitter
         is the longest hold. A state within E of a point c is then within E + this of where c is led under the same
-        input without a disturbance. ValueError where black boxes declare too little for A and b, or a velocity may be
-        undefined.
+        input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for A and b,
+        or a velocity may be undefined.
         """
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
@@ -140,10 +140,10 @@ class Statement(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k to k + 1, with the time in which an input may be held, and boxes widened by
-        `half_widths`; made once.
+        """The motion from step k to k + 1, for the time in which an input may be held; made once.
 
-        One object for all steps if the dynamics do not depend on time. Steps beyond N may be asked for.
+        One object for all steps if the dynamics do not depend on time. Its boxes are widened by `half_widths`. Steps
+        beyond N may be asked for.
         """
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:

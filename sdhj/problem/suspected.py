@@ -19,11 +19,10 @@ ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant; nothing is
-    warned of.
+    """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant.
 
-    That is a target whose level-set function may have the wrong sign, and axes that may be angles with wrong ends or
-    units.
+    Nothing is warned of. That is a target whose level-set function may have the wrong sign, and axes that may be angles
+    with wrong ends or units.
     """
     yield from _turned_target(problem)
     for axis in range(problem.grid.ndim):
@@ -147,7 +146,8 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
 
 
 def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
-    """Level-set values (M,) of a set at states (M, ndim) at the time of step 0; the states are not wrapped into the
-    grid.
+    """Level-set values (M,) of a set at states (M, ndim) at the time of step 0.
+
+    The states are not wrapped into the grid.
     """
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid
