@@ -81,7 +81,7 @@ def installed(file: str) -> bool:
 
 
 def _users_line() -> str:
-    """ "file NAME, line N" of the innermost frame of the running code that belongs to the user.
+    """The words "file NAME, line N" for the innermost frame of the running code that belongs to the user.
 
     Frames of this package, and of installed ones, do not belong to the user; where there are no others, the innermost
     one counts.

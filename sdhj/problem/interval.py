@@ -554,8 +554,8 @@ class Interval:
         """Coordinates of the walls at which states may end outside the sum of segments, or past the planes of
         `normals`.
 
-        (2, ndim), lower and upper; -inf and inf for all other ends. Without such segments or planes, those of all
-        walls.
+        (2, ndim), lower and upper; -inf and inf for all other ends. Without planes, and without segments or where
+        velocities depend on the state, those of all walls.
         """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:

@@ -109,9 +109,9 @@ class Statement(Remembering):
 
         (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
         = A w + b + jumps, w(0) = error (`steepness.rates`, `growth_bound`). Boxes of reachable states are widened so
-        that they hold the next prediction too: by E and its growth over the longest hold (`Sensing.hold`), from A and
-        jumps alone. With memory they are widened so that they hold the next point that is carried on: by `error_growth`
-        less b times the longest hold.
+        that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is the longest
+        hold (`Sensing.hold`). With memory they are widened so that they hold the next point that is carried on: by
+        `error_growth` - b h.
 
         ValueError where black boxes declare too little for A and b.
         """
