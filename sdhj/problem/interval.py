@@ -284,11 +284,11 @@ class Interval:
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Where every input takes states (M, ndim) without an adversary, relative to them, by Euler and by the midpoint
-        rule.
+        """Where every input takes states (M, ndim) without an adversary, relative to them, by two rules: (M, L, ndim)
+        each.
 
-        delta f(x, t) and delta f(x + delta f / 2, t + delta / 2), (M, L, ndim) each, the point halfway clipped at
-        walls. begin : t. Also traced.
+        Euler's, delta f(x, t), and the midpoint rule, delta f(x + delta f / 2, t + delta / 2), the point halfway
+        clipped at walls. begin : t. States may be traced.
         """
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
