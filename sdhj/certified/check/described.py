@@ -6,6 +6,8 @@ given beside the file.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from typing import Any
 
 import h5py
@@ -261,6 +263,16 @@ class Velocity:
         self.all = [one for parts in self.own.values() for one in parts]
         sizes = {"bounds": (d,), "drift": (n,), "gain": (n * d,), "velocity": (n, 1 + d)}
         self.of = {name: OfInputs(each, *sizes[name]) for name, each in self.own.items()}
+
+    @cached_property
+    def reads_itself(self) -> Array:
+        """Along which axes a velocity may depend on the coordinate along the same axis: (ndim,)."""
+        n, d, out = self.ndim, self.adversaries, np.zeros(self.ndim, np.bool_)
+        for name, parts in self.own.items():
+            for axis, one in product(range(n), parts):
+                first, count = {"bounds": (0, d), "gain": (axis * d, d)}.get(name, (axis, 1))
+                out[axis] |= (one.part(first, count) if isinstance(one, Formula) else one).reads("x", axis)
+        return out
 
     @property
     def timed(self) -> bool:

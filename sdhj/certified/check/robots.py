@@ -56,7 +56,8 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds  # check 3.27
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
-FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
+FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))  # pieces of a part, until what is said is proved
+WIDER = 1.05
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
@@ -309,7 +310,7 @@ class Robot(Sets):
         whole = np.array([self.grid.lower, self.grid.upper])[:, None]
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
-    def driven(self, places: Array, j: Any, start: float, finer: int) -> tuple[Array, Array]:
+    def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
         """How far the ends of boxes at places move under an input, or one of each (M,), from a time on.
 
         In each part (M, parts, 2, ndim), at last (2, M, ndim).
@@ -322,12 +323,15 @@ class Robot(Sets):
 
         def held(moved: Array) -> Array:
             """Displacements, stopped where a wall is reached; rounded outward there."""
+            if not walls.any():
+                return moved
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
         off = np.where(self.known_at_wall(places), 0.0, self.off)
         moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
+        rate = more = np.zeros(moved.shape)  # at which it moved in the piece before, and faster than in that before it
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
@@ -335,7 +339,11 @@ class Robot(Sets):
             for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
                 if begin <= soonest:  # check 3.17
                     least, most = moved
-                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))  # check 3.19
+                far, before = OUTWARD * (end - begin) * np.maximum(OUTWARD * rate + np.maximum(OUTWARD * more, 0), 0), moved
+                # check 3.19
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end), far, closer))
+                rate, before = (moved - before) / (end - begin), rate
+                more = rate - before
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])  # check 4.28
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])  # check 3.16
             swept[:, part, 0], swept[:, part, 1] = a, b
@@ -361,33 +369,36 @@ class Robot(Sets):
         at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
         return at_wall & self.known & self.sensing.memory
 
-    def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
-        """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
-        h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
+    def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array, closer: bool) -> Array:
+        """`moved` after a piece: an end of the box moves as the velocity can be in all that is reached in it; or
+        closer, in the face on its side.
+
+        far (2, M, ndim) : about how far each end moves outward, to begin with.
+        """
+        h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty(box.shape)
+        left: Any = slice(None)
         for _ in range(30):
-            enclosure = box + OUTWARD * self.known * (grown + some)
-            out = np.stack(self.velocity(j, enclosure, times))
-            far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
-            if (~self.known | (OUTWARD * (enclosure - box - far) > 0)).all():  # check 3.22
+            own, reached = box[:, left], far[:, left]
+            enclosure = own + self.known * (WIDER * reached + some)
+            out[:, left] = found = np.stack(self.velocity(j[left], enclosure, times))
+            now = np.stack([h * np.minimum(found[0], 0.0), h * np.maximum(found[1], 0.0)])
+            fits = ~self.known | (OUTWARD * (enclosure - own - now) > 0)  # check 3.22
+            stays = fits.all(axis=(0, 2))
+            far[:, left] = np.where(stays[:, None], now, np.where(fits, reached, 1.3 * now))
+            if stays.all():
                 break
-            grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
+            left = np.arange(len(j))[left][~stays]
         else:
             raise ValueError("no box was found that the state stays in for a part of the interval")
-        # check 1.12
-        more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-        enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
-        faces = list(product(np.flatnonzero(self.known), (0, 1)))
-        every = np.tile(enclosure, (1 + len(faces), 1, 1, 1))
-        for face, (axis, side) in zip(every[1:], faces, strict=True):
-            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]  # check 3.24
-        inputs = np.tile(np.broadcast_to(j, len(out[0])), len(every))
-        # check 3.21
-        found = np.stack(self.velocity(inputs, np.concatenate(every, axis=1), times)).reshape(
-            2, len(every), *enclosure.shape[1:]
-        )
-        out = found[:, 0]
-        for own, (axis, side) in enumerate(faces, start=1):
-            out[side, :, axis] = found[side, own, :, axis]  # check 3.25
+        if closer:
+            # check 1.12
+            more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
+            enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
+            out = np.stack(self.velocity(j, enclosure, times))  # check 3.21
+            for axis, side in product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)):
+                face = enclosure.copy()
+                face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
+                out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
@@ -606,7 +617,7 @@ class Robot(Sets):
         bar.close()
         return Claim(ARRIVE, made, checked, wrong)
 
-    def arrivals_hold(self, pairs: Array, step: int, finer: int) -> Array:
+    def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
         """Whether all that inputs lead cells at some sites to at t_{k+1} is in the target: (M,).
 
         pairs (M,) : an input times all sites, and a site.
@@ -615,7 +626,7 @@ class Robot(Sets):
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
         cells, start, size = self.cells_at(sites, self.sites), min(step, len(self.low) - 1), self.low.shape[2]
         places, at = np.unique(inputs * size + cells @ self.strides, return_inverse=True)
-        moved = self.driven(places % size, places // size, self.time(start), finer)[1][:, at]  # check 5.23
+        moved = self.driven(places % size, places // size, self.time(start), *finer)[1][:, at]  # check 5.23
         box = self.ends(cells, 2 * self.near) + moved  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
@@ -734,7 +745,7 @@ class Robot(Sets):
     def narrow(
         self,
         start: int,
-        finer: int,
+        finer: tuple[int, bool],
         moving: dict[int, Array],
         open_: dict[int, dict[int, Array]],
         numbers: Array,
@@ -754,12 +765,12 @@ class Robot(Sets):
         swept, held = np.empty((count, self.parts, 2, self.grid.ndim)), np.empty(count, np.bool_)
         for begin in range(0, count, BOXES_AT_ONCE):
             own = slice(begin, begin + BOXES_AT_ONCE)
-            swept[own], last = self.driven(places[own], of[own], self.time(start), finer)  # check 3.20
+            swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
             held[own] = self.moves_hold(places[own], start, of[own], last)  # check 3.30
             if self.lines is not None:
                 box = self.boxes(places[own])
                 # check 3.68
-                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer)
+                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer[0])
         counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
             own = slice(begin, end)
