@@ -140,7 +140,7 @@ class OfInputs:
         """
         if self.constant:
             return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
-        kind, found = self.kind[inputs], np.empty((2, len(inputs), self.results))
+        kind, found = self.kind[inputs], np.moveaxis(np.empty((2, self.results, len(inputs))), 1, 2)
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
             function, constants = self.kinds[number]

@@ -24,7 +24,7 @@ MOST_EXPONENT = 64
 MOST_AXES = 6  # of a table
 MOST_JUMPS = 4  # of a function that are taken apart
 MOST_NUMBERS = 1 << 25  # in memory at once, while a formula is evaluated
-MOST_BOXES = 1 << 12  # at once
+MOST_BOXES = 1 << 16  # at once
 WHOLE = re.compile("[0-9]{1,6}")
 EXPONENT = re.compile("-?[0-9]{1,2}")
 REAL = re.compile(r"nan|-?(inf|0x[01](\.[0-9a-f]{1,13})?p[+-][0-9]{1,4})")
@@ -296,7 +296,7 @@ class Formula:
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
         """Bounds (2, M, results) on some sides of the jumps."""
-        out = np.empty((2, len(low), len(self.results)))
+        out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)

@@ -57,7 +57,7 @@ STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds 
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
 FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))  # pieces of a part, until what is said is proved
-WIDER = 1.05
+WIDER = 1.02
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
@@ -72,6 +72,14 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 # of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
+
+
+def column_major(boxes: Array) -> Array:
+    """Boxes (2, M, ndim) with each coordinate of all of them in one piece of memory.
+
+    Results have the layout of their operands; what is one number for all boxes is then applied to long rows.
+    """
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(boxes, 2, 1)), 1, 2)
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -251,7 +259,7 @@ class Robot(Sets):
 
         Where nothing is known they are infinite.
         """
-        box, grid, count, halves = box.copy(), self.grid, box.shape[1], list[tuple[Array, int]]()
+        box, grid, count, halves = box.copy(order="K"), self.grid, box.shape[1], list[tuple[Array, int]]()
         of = np.arange(count)
         for column, axis in enumerate(axes):
             least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
@@ -315,10 +323,11 @@ class Robot(Sets):
 
         In each part (M, parts, 2, ndim), at last (2, M, ndim).
         """
-        grid, at = self.grid, self.boxes(places)
+        grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        swept, marks = np.empty((len(places), self.parts, 2, grid.ndim)), np.arange(self.parts * finer + 1)
+        swept = np.moveaxis(np.empty((self.parts, 2, grid.ndim, len(places))), 3, 0)
+        marks = np.arange(self.parts * finer + 1)
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
@@ -329,9 +338,9 @@ class Robot(Sets):
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
         off = np.where(self.known_at_wall(places), 0.0, self.off)
-        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * off)  # check 3.9
+        moved = held(np.zeros_like(at) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
-        rate = more = np.zeros(moved.shape)  # at which it moved in the piece before, and faster than in that before it
+        rate = more = np.zeros_like(moved)  # at which it moved in the piece before, and faster than in that before it
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
@@ -375,7 +384,7 @@ class Robot(Sets):
 
         far (2, M, ndim) : about how far each end moves outward, to begin with.
         """
-        h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty(box.shape)
+        h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty_like(box)
         left: Any = slice(None)
         for _ in range(30):
             own, reached = box[:, left], far[:, left]
@@ -383,7 +392,7 @@ class Robot(Sets):
             out[:, left] = found = np.stack(self.velocity(j[left], enclosure, times))
             now = np.stack([h * np.minimum(found[0], 0.0), h * np.maximum(found[1], 0.0)])
             fits = ~self.known | (OUTWARD * (enclosure - own - now) > 0)  # check 3.22
-            stays = fits.all(axis=(0, 2))
+            stays = np.logical_and(*fits).all(axis=1)
             far[:, left] = np.where(stays[:, None], now, np.where(fits, reached, 1.3 * now))
             if stays.all():
                 break
@@ -762,7 +771,8 @@ class Robot(Sets):
                 flags[each] = True
         which, places = np.nonzero(needed)
         of, count = np.array([*moving])[which], len(places)
-        swept, held = np.empty((count, self.parts, 2, self.grid.ndim)), np.empty(count, np.bool_)
+        swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
+        held = np.empty(count, np.bool_)
         for begin in range(0, count, BOXES_AT_ONCE):
             own = slice(begin, begin + BOXES_AT_ONCE)
             swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
