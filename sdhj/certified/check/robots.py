@@ -403,11 +403,14 @@ class Robot(Sets):
             # check 1.12
             more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
             enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
-            out = np.stack(self.velocity(j, enclosure, times))  # check 3.21
-            for axis, side in product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)):
-                face = enclosure.copy()
+            faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
+            every = [enclosure, *(enclosure.copy(order="K") for _ in faces)]
+            for face, (axis, side) in zip(every[1:], faces, strict=True):
                 face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
-                out[side, :, axis] = self.velocity(j, face, times)[side][:, axis]  # check 3.25
+            found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
+            out, *each = np.split(found, len(every), axis=1)
+            for own, (axis, side) in zip(each, faces, strict=True):
+                out[side, :, axis] = own[side, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
