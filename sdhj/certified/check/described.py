@@ -275,7 +275,7 @@ class Velocity:
     def reads_itself(self) -> Array:
         """Along which axes the velocity may depend on the coordinate itself: (ndim,)."""
         each = map(self.along, range(self.ndim))
-        return np.array([any(one.reads("x", axis) for one in some) for axis, some in enumerate(each)])  # check 3.89
+        return np.array([any(one.reads("x", axis) for one in some) for axis, some in enumerate(each)])
 
     @property
     def timed(self) -> bool:

@@ -56,8 +56,9 @@ NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds  # check 3.27
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
-FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))  # pieces of a part, until what is said is proved
-WIDER = 1.02
+# pieces of a part, and whether ends move as in their face, until what is said is proved
+FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))
+WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
@@ -72,6 +73,10 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 # of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
+
+
+class Unbounded(ValueError):
+    """No bounds were found on where states can be, in pieces of some length."""
 
 
 def column_major(boxes: Array) -> Array:
@@ -150,7 +155,7 @@ class Robot(Sets):
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
-        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 50)
+        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 15)
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
         lattices = 0
@@ -340,7 +345,7 @@ class Robot(Sets):
         off = np.where(self.known_at_wall(places), 0.0, self.off)
         moved = held(np.zeros_like(at) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
-        rate = more = np.zeros_like(moved)  # at which it moved in the piece before, and faster than in that before it
+        rate = faster = np.zeros_like(moved)  # of the piece before, outward, and by how much more than in that before
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
@@ -348,11 +353,12 @@ class Robot(Sets):
             for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
                 if begin <= soonest:  # check 3.17
                     least, most = moved
-                far, before = OUTWARD * (end - begin) * np.maximum(OUTWARD * rate + np.maximum(OUTWARD * more, 0), 0), moved
+                far = OUTWARD * (end - begin) * np.maximum(rate + np.maximum(faster, 0.0), 0.0)
+                before = moved
                 # check 3.19
                 moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end), far, closer))
-                rate, before = (moved - before) / (end - begin), rate
-                more = rate - before
+                now = OUTWARD * (moved - before) / (end - begin)
+                rate, faster = now, now - rate
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])  # check 4.28
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])  # check 3.16
             swept[:, part, 0], swept[:, part, 1] = a, b
@@ -398,11 +404,11 @@ class Robot(Sets):
                 break
             left = np.arange(len(j))[left][~stays]
         else:
-            raise ValueError("no box was found that the state stays in for a part of the interval")
+            raise Unbounded("no box was found that the state stays in for a part of the interval")
         if closer:
             # check 1.12
             more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-            enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
+            enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23
             faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
             every = [enclosure, *(enclosure.copy(order="K") for _ in faces)]
             for face, (axis, side) in zip(every[1:], faces, strict=True):
@@ -638,7 +644,12 @@ class Robot(Sets):
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
         cells, start, size = self.cells_at(sites, self.sites), min(step, len(self.low) - 1), self.low.shape[2]
         places, at = np.unique(inputs * size + cells @ self.strides, return_inverse=True)
-        moved = self.driven(places % size, places // size, self.time(start), *finer)[1][:, at]  # check 5.23
+        try:
+            moved = self.driven(places % size, places // size, self.time(start), *finer)[1][:, at]  # check 5.23
+        except Unbounded:
+            if finer == FINER[-1]:
+                raise
+            return np.zeros(len(pairs), np.bool_)
         box = self.ends(cells, 2 * self.near) + moved  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
@@ -776,9 +787,16 @@ class Robot(Sets):
         of, count = np.array([*moving])[which], len(places)
         swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
         held = np.empty(count, np.bool_)
-        for begin in range(0, count, BOXES_AT_ONCE):
-            own = slice(begin, begin + BOXES_AT_ONCE)
-            swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
+        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
+        for begin in range(0, count, together):
+            own = slice(begin, begin + together)
+            try:
+                swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
+            except Unbounded:
+                if finer == FINER[-1]:
+                    raise
+                swept[own], held[own] = np.array([-np.inf, np.inf])[:, None], False
+                continue
             held[own] = self.moves_hold(places[own], start, of[own], last)  # check 3.30
             if self.lines is not None:
                 box = self.boxes(places[own])
