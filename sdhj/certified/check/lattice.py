@@ -34,16 +34,25 @@ def pieces_of(counts: Sequence[int], times: int) -> int:
 
 
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
-    """Bytes of the lattices of a set with so many periodic axes, and of what the last one is made of."""
+    """Bytes of the lattices of a set at so many times, and of what the last one is made of.
+
+    counts : cells on each of the set's axes. laps : how many of these are periodic.
+    """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
     return boxes * ((4 * times << laps) + (2 << laps) + 4)
 
 
 class Lattice:
-    """The boxes of a set's axes, pieces of its cells, and what tubes are looked up without."""
+    """Boxes of a set's axes, pieces of the cells there, and how tubes are looked up in them.
+
+    Boxes are bounded `wider`, and tubes looked up `without` as much, (axes,) each: see above.
+    """
 
     def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
-        """Edges of cells, cut into pieces; near: as it counts as in a cell; sway: how far most tubes stick out."""
+        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
+
+        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
+        """
         share = np.arange(pieces) / pieces
         self.edges = [np.unique([*(own[:-1, None] + np.diff(own)[:, None] * share).ravel(), own[-1]]) for own in edges]
         self.periodic, pitch = periodic, np.array([np.diff(own).max() for own in self.edges])
@@ -52,9 +61,9 @@ class Lattice:
         self.shape = np.array([own.size - 1 for own in self.edges])
 
     def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set are before each corner: periodic axes twice over.
+        """How many boxes that may meet a set are before each corner, as `sums` says: int32, (2 n + 1) on periodic axes.
 
-        every : functions, each of which is above 0 outside the set, and says where it is, and where it nowhere is.
+        every : for each function of which the set's is the least, where it is > 0 all over boxes, and where <= 0.
         """
         met = np.zeros(self.shape, np.bool_)
         for holds in every:
@@ -83,7 +92,7 @@ class Lattice:
         return np.stack([low - self.wider, high + self.wider])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """From which box along an axis to which tubes from low to high overlap boxes."""
+        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap."""
         edges, (begin, end) = self.edges[axis], self.edges[axis][[0, -1]]
         low, high = low + self.without[axis], high - self.without[axis]
         whole = high - low >= end - begin
@@ -101,7 +110,7 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set, bool, are before each corner; periodic axes twice over."""
+    """How many cells of a set (*n) bool are below each corner on all axes: (*n + 1) int32; periodic axes twice."""
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
@@ -111,7 +120,10 @@ def sums(inside: Array, periodic: Array) -> Array:
 
 
 def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells are in boxes and in a set with such sums; of each axis from which to before which, both (M,)."""
+    """How many cells are both in boxes and in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
+
+    ends : for each axis the first cell of the boxes and the one past the last, both (M,).
+    """
     total, flat = np.zeros(len(ends[0][0]), np.int32), of.ravel()
     strides = np.cumprod([1, *of.shape[:0:-1]])[::-1]
     own = [(first * stride, past * stride) for (first, past), stride in zip(ends, strides.tolist(), strict=True)]

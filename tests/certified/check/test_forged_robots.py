@@ -71,7 +71,9 @@ def test_pieces_in_which_nothing_is_bounded_leave_open_what_shorter_ones_prove(n
     monkeypatch.setattr(Robot, "piece", fail)
     assert proves(verify, tmp_path / "true.h5", name) and set(asked) == {False, True}
     forgery = next(one for one in FORGERIES.values() if one.robot == name)
-    assert any(forgery.said in said for said in refusals(verify, forgery.write(files(name), tmp_path / "f.h5"), forgery))
+    assert any(
+        forgery.said in said for said in refusals(verify, forgery.write(files(name), tmp_path / "f.h5"), forgery)
+    )
     monkeypatch.setattr(Robot, "driven", fail_always)
     with pytest.raises(ValueError, match="nothing was found"):
         verify(tmp_path / "true.h5", progress=False)
