@@ -355,8 +355,8 @@ class Robot(Sets):
         """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
 
         At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
-        predicted or carried on. finer, closer : into how many
-        pieces each part is cut, and how each is bounded. ValueError as of `piece`.
+        predicted or carried on. finer : into how many pieces each part is cut; closer : how each is bounded, as of
+        `piece`, which may find no bounds.
         """
         grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
@@ -436,7 +436,7 @@ class Robot(Sets):
             left = np.arange(len(j))[left][~stays]
         else:
             raise Unbounded("no box was found that the state stays in for a part of the interval")
-        if closer:
+        if closer:  # check 3.89
             # check 1.12
             more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
             enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23

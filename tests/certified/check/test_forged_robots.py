@@ -148,7 +148,7 @@ MUTATIONS = {
     "the whole time of a piece": ("3.21 put 20 {20}[:1] * 2", "a little later"),
     "room to stay in": ("3.22 put 2 {2} | True", "less growth"),
     "all that is reached from the box": ("3.23 drop 8", "a speed that grows"),
-    "a closer tube": ("3.23 put 8 4 * {8}", "rail"),
+    "closer bounds": ("3.89 false 1", "standing"),
     "the face in which the last can be": ("3.24 drop 13", "less growth"),
     "the face on its side": ("3.24 number 12 1", "growth from the lower end"),
     "the worst in a face": ("3.25 zero 10", "less growth"),
