@@ -125,7 +125,7 @@ class Table:
         """Of a table on a grid that stays clear for ever the place of the game's value among the tubes; else -1."""
         return -1
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """N, the number of steps."""
         return self.problem.most_steps
@@ -195,7 +195,9 @@ class Table:
             `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
             or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
             tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
-            not proved at these cells may be true all the same, and may be proved at others.
+            not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
+            tried on coarse copies of the problem (`sdhj.certified.limits`), which are solved when a table is asked
+            first, for up to half the time of its solve or a few seconds.
 
         Raises
         ------
