@@ -603,7 +603,7 @@ class GridSets:
         """
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
-            if isinstance(self.arrays, Memory) and games and (same := self._known(kind)) is not None:
+            if isinstance(self.arrays, Memory) and games and (same := self._former_avoid_tubes(kind)) is not None:
                 self.arrays.arrays[kind] = same
                 met |= {id(game.danger.unsafe_set) for game in games}
                 continue
@@ -618,7 +618,7 @@ class GridSets:
             if id(unsafe_set) not in met:
                 tell(never_met(unsafe_set))
 
-    def _known(self, kind: str) -> FloatArray | None:
+    def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
         """The former solve's avoid tubes of a kind, as `arrays` has them, if none of them can differ; else None.
 
         kind : "avoid_static" gives (L, *subgrid), "avoid_moving" (most_steps, L, *subgrid).
