@@ -48,8 +48,8 @@ GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """The subspaces, axes that are kept, each of which drops one axis that no input drives; if there is no such axis,
-    any one axis.
+    """The subspaces, axes that are kept, each of which drops one axis that no input drives; if none is such, any one
+    axis.
 
     Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
     py or px is dropped: the paper's two subspaces. ValueError where the grid has one axis.
@@ -63,8 +63,8 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the drift along each axis, (ndim,) bool; all True where it is a
-    black box.
+    """Whether the choice of the input changes the drift along each axis: (ndim,) bool; all True if the drift is a black
+    box.
     """
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
@@ -74,7 +74,7 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The subspaces as tuples of ascending axes; None: the `default_subspaces`.
+    """The subspaces as tuples of ascending axes, in the given order; None gives the `default_subspaces`.
 
     Raises
     ------
@@ -94,16 +94,29 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 
 
 class ProjectedGames:
-    """Games 2 and 3 on a collection of subspaces, back-projected and united: inside the true ones.
+    """Games 2 and 3 on several subspaces, back-projected and united: the results are inside the true ones.
 
-    problem, subspaces : the axes that each keeps. inner(axes) makes the games of one. `free` has, of each unsafe set
-        that was projected, the largest share of a subspace that its projection leaves free.
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    inner : callable (axes) -> HJIGames or HopfLaxGames
+        Makes the games on a subspace; called once for each.
+    subspaces : tuple of tuple of int
+        The axes that each subspace keeps, ascending.
+    free : dict
+        By the place in problem.unsafe of each unsafe set that had to be projected: the largest share of a subspace, 0
+        to 1, that is outside its outer projection. `avoid` fills it in.
+    crossed : float
+        The most cells that the state crosses in an interval, as `operations` has found.
+    dtype : str
     """
 
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games of a problem on subspaces, axes that are kept, each played by `inner(axes)`."""
+        """Games of a problem on subspaces, axes that are kept; those of the first subspace are made at once, for their
+        dtype.
+        """
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -113,7 +126,7 @@ class ProjectedGames:
 
     @property
     def solved(self) -> int:
-        """Number of PDEs solved so far, on all subspaces."""
+        """PDEs solved so far, on all subspaces together."""
         return sum(games.solved for games in self._games.values())
 
     @property
@@ -122,14 +135,13 @@ class ProjectedGames:
         return all(self.on(axes).shifted for axes in self.subspaces)
 
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
-        """The games on the subspace of some axes; made once."""
+        """The games on the subspace of some axes, made at the first call and kept."""
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, on all subspaces, of a reach game or an avoid game on these
-        axes. See `_OnAxes.operations`; raises `crossed`.
+        """The operations of all inputs, on all subspaces, of a reach game or an avoid game: see `_OnAxes.operations`.
         """
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
@@ -142,8 +154,9 @@ class ProjectedGames:
         return found
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
-        """s_p(x) = max over the dropped coordinates of s(x, w), values (*shape) on the whole grid, at the nodes
-        of the subgrid of `axes`.
+        """s_p(x) = max over the dropped coordinates w of s(x, w), at the nodes of the subgrid of `axes`.
+
+        values : s (*shape) on the whole grid. With all axes kept it is `values` itself.
         """
         for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
@@ -155,8 +168,8 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Yield the reach sets of all inputs at once, as pieces on the subspaces: their union is inside the true
-        reach sets.
+        """Yield the reach sets of all inputs once, in one group, as pieces on the subspaces; the union is inside the
+        true ones.
         """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
@@ -173,15 +186,16 @@ class ProjectedGames:
         yield Pieces(0, grid, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j (*shape)) for every input, on the whole grid, inside the true reach set."""
+        """Yield (j, Phi_j (*shape)) for every input in turn, on the whole grid: inside the true reach set."""
         for some in self.grouped_reach_sets(values, step):
             yield from enumerate(some.of())
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """Avoid tubes over the interval from `step`, inside the true ones, (L, *subgrid of problem.avoid_axes).
+        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones: (L, *subgrid of
+        problem.avoid_axes).
 
-        What one subspace keeps all of is solved on its own axes; else the tubes of the outer projections are united,
-        and it is noted in `free` how much these leave free.
+        If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
+        the tubes of the outer projections are united, and `free` says how much of the subspaces these leave free.
         """
         problem = self.problem
         axes = problem.avoid_axes(unsafe_set)
@@ -192,7 +206,8 @@ class ProjectedGames:
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """The outer projection of -g over [t0, t1] to the axes `keep`; sampled once for all subspaces."""
+            """-g_p over [t0, t1] on the axes `keep`, the outer projection; computed once for all subspaces, and kept.
+            """
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -209,15 +224,16 @@ class ProjectedGames:
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """The axes of each subspace among some axes; left out is what is empty, or part of another one, as that
-        is looser.
+        """Those of some axes that each subspace keeps; without empty ones, equal ones and parts of others, which give
+        less.
         """
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
     def outer_projections(self, unsafe_set: UnsafeSet, axes: Axes, obstacle: FloatArray) -> dict[Axes, FloatArray]:
-        """-g_p(x) = max over the dropped coordinates of -g(x, w), by the axes that each subspace keeps, of an
-        obstacle function (*subgrid of `axes`); notes in `free` how much of the space g_p leaves free.
+        """-g_p(x) = max over the dropped coordinates w of -g(x, w), by the axes that are kept; also updates `free`.
+
+        obstacle : -g (*subgrid of `axes`) of the unsafe set. The keys are `_kept(axes)`.
         """
         projected = {}
         for keep in self._kept(axes):
@@ -226,27 +242,33 @@ class ProjectedGames:
         return projected
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
-        """Raise `free`, of this unsafe set, to the share of a subspace that is free of it."""
+        """Raise the entry of this unsafe set in `free` to `share`, 0 to 1, of a subspace, if it is larger."""
         place = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
         self.free[place] = max(share, self.free.get(place, 0.0))
 
 
 class ProjectedSets(GridSets):
-    """`GridSets` of method "projected": its table says how much the projections lose, which is found at the
-    beginning and warned of where it is all.
+    """`GridSets` of method "projected", whose table also says how much the projections lose.
+
+    Attributes
+    ----------
+    games : ProjectedGames
+    lost : dict
+        What `_lost` returns, found when the sets are made.
     """
 
     games: ProjectedGames
 
     def __init__(self, *given: Any) -> None:
-        """The sets of `GridSets`; finds how much the projections lose (`lost`) and warns of those that are empty."""
+        """Make the `GridSets`, find how much the projections lose (`lost`), and warn where nothing is left."""
         super().__init__(*given)
         self.lost = self._lost()
         tell(*self.empty())
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table of `GridSets`, whose details say how much is lost (`_lost`), and "warnings": sentences. Warns
-        where tubes never grow beyond the target.
+        """The table of `GridSets`, with `lost` and the sentences of all warnings in details["projection"].
+
+        Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
         """
         table, found = super().finish(details), self.empty()
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
@@ -256,20 +278,22 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion; plays no game.
+        """How much the projections lose, before the recursion; after the avoid games, which fill in `games.free`.
 
         Returns
         -------
         dict
-            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection (a
-            share; the largest over the steps). "free": for each unsafe set that had to be projected, by its name, the
-            largest share of a subspace outside its outer projection.
+            "target_kept": for each subspace the share, 0 to 1, of the volume of the safe target (the target minus the
+            unsafe sets) that the inner projection keeps, the largest over the steps. "free": for each unsafe set that
+            had to be projected, by its name, the largest share of a subspace outside its outer projection.
         """
         games, problem = self.games, self.problem
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
-            """The volume of the goal's inner projection on some axes over the volume of the goal."""
+            """The volume of the inner projection of {goal <= 0} to some axes over the volume of that set; 0 if that is
+            empty.
+            """
             whole = grid.fraction(goal <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
@@ -279,19 +303,23 @@ class ProjectedSets(GridSets):
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
     def _name(self, place: int) -> str:
-        """The name of the unsafe set at a place of problem.unsafe; of several with one name, its place too."""
+        """The name of the unsafe set at a place in problem.unsafe; if several have this name, with its number, from 1
+        on.
+        """
         names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
     def _of_inputs(self, name: str) -> str:
-        """The words " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
+        """" of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
         part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
     def empty(self) -> list[Finding]:
-        """Findings of subspaces that hold nothing of the target, and of unsafe sets whose projections fill them
-        all; nothing is warned of here.
+        """Findings, from `lost`: subspaces that keep nothing of the target, and unsafe sets that leave no subspace
+        free.
+
+        The caller warns; [] if nothing is empty.
         """
         problem, names = self.problem, self.problem.grid.names
         found = []
@@ -395,7 +423,15 @@ class Projected(Options):
 
 
 class OnSubspaces(NamedTuple):
-    """The method "projected" on the subspaces of one problem, as `GridSets` takes it."""
+    """The method "projected" for one problem, as `GridSets` takes it.
+
+    name : "projected".
+    options : plain values by name, for the table's details; the keys are "subspaces", "inner" and those of the inner
+        method.
+    inner : the method that plays the games on the subspaces.
+    subspaces : the axes that each subspace keeps, ascending.
+    problem : the padded problem, whose games are played on subspaces.
+    """
 
     name: str
     options: dict[str, Any]
@@ -404,8 +440,9 @@ class OnSubspaces(NamedTuple):
     problem: ReachAvoidProblem
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games on the subspaces; of another problem, that of an axis's ends, those of the inner method on
-        its whole grid.
+        """`ProjectedGames` for the problem itself; for any other the games of the inner method, on all of its axes.
+
+        Others are the wide problems of the ends of an axis, which have the few axes that they need.
         """
         if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
             return self.inner.on(problem)
