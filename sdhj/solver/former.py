@@ -56,8 +56,7 @@ def meaning_around(problem: ReachAvoidProblem) -> Meaning:
 
 
 def differing(now: FloatArray, then: FloatArray) -> FloatArray:
-    """In which planes of the last two axes any bit of two arrays (*shape), of one dtype, differs: (*shape[:-2]) bool.
-    """
+    """In which planes of the last two axes any bit of two arrays (*shape), of one dtype, differs: (*shape[:-2]) bool."""
     kind = np.dtype(f"u{now.dtype.itemsize}")
     return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
 
@@ -302,8 +301,7 @@ class Former:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool, found once.
-        """
+        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool, found once."""
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
             self._differing[*entry, made] = differing(now, then)

@@ -352,8 +352,7 @@ class HJIGames(_OnAxes):
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d, along each of the games' axes, (axes, D); only where it is constant.
-        """
+        """max |gain_id v_d| = |gain_id| bounds_d, along each of the games' axes, (axes, D); only where it is constant."""
         _, gain, bounds = self.problem.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
@@ -565,8 +564,7 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where `HopfLaxGames` can be.
-        """
+        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where `HopfLaxGames` can be."""
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
@@ -609,8 +607,7 @@ class HJIGames(_OnAxes):
 
         @cache
         def at(tau: float) -> FloatArray:
-            """max of -g from tau s before the interval's end to the end of that time step; or over the whole interval.
-            """
+            """max of -g from tau s before the interval's end to the end of that time step; or over the whole interval."""
             if not obstacle.instant:
                 return obstacle.values_over(t0, t1)
             return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))

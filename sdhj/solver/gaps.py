@@ -44,10 +44,10 @@ class _Gaps(NamedTuple):
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
     """Advice in sentences, if tubes may be separate pieces that the grid does not keep apart; else "".
 
-    It is looked at the target at the first, the middle and the last step, from random states (of seed 0). "" also
-    without a target, and where the target is on more than `LARGEST` nodes.
+    The target is looked at, at the first, the middle and the last step if it moves, from random states (of seed 0). ""
+    also without a target, and where its axes have more than `LARGEST` nodes.
 
-    shifted : whether reach sets are computed by a shift or a formula, and not by differences, which need more nodes.
+    shifted : whether reach sets are computed by a shift or a formula; by differences more nodes are needed (`ENOUGH`).
     """
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.has_no_target or grid.subgrid(axes).size > LARGEST:

@@ -141,8 +141,7 @@ class ProjectedGames:
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs, on all subspaces, of a reach game or an avoid game: see `_OnAxes.operations`.
-        """
+        """The operations of all inputs, on all subspaces, of a reach game or an avoid game: see `_OnAxes.operations`."""
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
@@ -206,8 +205,7 @@ class ProjectedGames:
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """-g_p over [t0, t1] on the axes `keep`, the outer projection; computed once for all subspaces, and kept.
-            """
+            """-g_p over [t0, t1] on the axes `keep`, the outer projection; computed once for all subspaces, and kept."""
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -311,7 +309,7 @@ class ProjectedSets(GridSets):
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
     def _of_inputs(self, name: str) -> str:
-        """" of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
+        """ " of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
         part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 

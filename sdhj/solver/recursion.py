@@ -69,8 +69,7 @@ class TubeSets(Protocol):
         """Write the entry (step, within) from (step, within - 1), (step + 1, within - 1) and the step's avoid tubes."""
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; `within` is at least 1.
-        """
+        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; `within` is at least 1."""
 
     def share(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
@@ -555,8 +554,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Solve the avoid games; where no `slabs` are given, first check memory, state the cost, warn of a coarse grid.
-        """
+        """Solve the avoid games; where no `slabs` are given, first check memory, state the cost, warn of a coarse grid."""
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick

@@ -58,7 +58,9 @@ class Explanation:
     helps: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """The explanation, the first failures, and what may help."""
+        """Lines of text: what is true of the state, the first `SHOWN` failures, how many more there are, and what may
+        help.
+        """
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
@@ -66,14 +68,18 @@ class Explanation:
 
 
 def entry_named(table: Any, step: int, within: int) -> str:
-    """Which tube (step, within) is, in words that follow on "the tube": its step and its steps to go."""
+    """Which tube (step, within) is, in words that follow on "the tube": "for step 2 with 3 steps to go", or "for ever"."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
 
 
 def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
-    """A sentence if the level-set functions themselves refute a state (1, ndim); else empty."""
+    """A sentence if a state is off the grid, in an unsafe set or, with within = 0, outside the target; else "".
+
+    By the level-set functions themselves, at the time of the step. state : (1, ndim). Sets that are unsafe under some
+    inputs only do not count.
+    """
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
@@ -88,8 +94,9 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
 
-    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first.
-    A `within` of None, or above N - step, is N - step. ValueError if q or step does not fit.
+    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first:
+    a state that they refute has no failures. Without steps to go there are none, either. A `within` of None, or above N
+    - step, is N - step. ValueError if q, step or within does not fit.
     """
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
@@ -123,7 +130,11 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """The largest value of the next tube, `left` steps to go, at ends (L, P, ndim), relative to the state: (L,)."""
+    """The largest value of the next tube, with `left` steps to go, among the ends of each input: (L,).
+
+    ends : (L, P, ndim), where each input may lead in the interval from `step`, relative to the state (1, ndim); they
+        are clipped to the grid.
+    """
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 
@@ -138,10 +149,13 @@ def _failure(
     margin: float,
     ends: FloatArray,
 ) -> Failure:
-    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked.
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked; in this order.
 
-    state (1, ndim); left : the steps to go after the interval; hazard : the value of the input's avoid tube; margin :
-    the largest of the next tube; ends (P, ndim) : corners of what it may lead to, relative to the state.
+    state : (1, ndim), at `step`.
+    left : the steps to go after the interval.
+    hazard : the value of the input's avoid tube there.
+    margin : the largest value of the next tube.
+    ends : (P, ndim), corners of what the input may lead to, relative to the state.
     """
     if hazard > 0:
         name, when = _nearest(table, state, j, ends, step)
@@ -158,8 +172,8 @@ def _failure(
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
     """The name of the unsafe set or of the end of an axis that input j comes nearest to, and after how many seconds.
 
-    Nearest is the least level-set value, or distance to an end, on the lines from the state (1, ndim) to the ends
-    (P, ndim) that the input may lead to, relative to it, at `INSTANTS_TRIED` instants of the interval.
+    Nearest is the least level-set value, or distance to an end, on the straight lines from the state (1, ndim) to its
+    `ends` (P, ndim), relative to it, at `INSTANTS_TRIED` instants of the interval from `step`.
     """
     problem, grid = table.problem, table.grid
     best = np.inf, "the unsafe ends of the grid", 0.0
