@@ -109,8 +109,9 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
-        """Have the workers of the Dask client do tasks; an error gets a note on how to go on, and cancels what is not
-        done.
+        """Have the workers of the Dask client do tasks, and yield what `work` returns of each.
+
+        An error gets a note on how to go on; whatever happens, tasks that are not done are cancelled at the end.
         """
         futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
@@ -239,9 +240,7 @@ def task_bytes(plan: Plan) -> int:
 
 
 def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
-    """The head of a store, plain values as JSON gives them back: its problem, its method with options, and how it is
-    cut.
-    """
+    """The head of a store, plain values as JSON gives them back: problem, method with options, and the cut."""
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,

@@ -71,7 +71,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Spaces of a table's states, with the step, and of its inputs; no run has begun yet."""
+        """Make the spaces: of the table's states with the step, and of its inputs. No run has begun; call `reset`."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
@@ -121,7 +121,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), REWARDS[self.outcome], finished and not late, late, info
 
     def _observed(self) -> FloatArray:
-        """The observation: what is known of the state, wrapped and clipped to the grid, and the step."""
+        """The observation (ndim + 1,): what is known of the state, wrapped and clipped to the grid, and the step."""
         state = self.table.grid.wrapped(self.runs.predictions)[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 

@@ -56,7 +56,10 @@ def meaning_around(problem: ReachAvoidProblem) -> Meaning:
 
 
 def differing(now: FloatArray, then: FloatArray) -> FloatArray:
-    """In which planes of the last two axes any bit of two arrays (*shape), of one dtype, differs: (*shape[:-2]) bool."""
+    """In which planes of the last two axes any bit of two arrays (*shape) differs: (*shape[:-2]) bool.
+
+    The arrays have one dtype.
+    """
     kind = np.dtype(f"u{now.dtype.itemsize}")
     return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
 
@@ -182,8 +185,8 @@ class Patch:
 class Former:
     """An earlier table, as the solve of a similar problem looks at it; nothing is copied that could differ.
 
-    `avoid_tubes` and `tube` give avoid tubes, `patch` says what is left to solve of an entry, in the order of `recursion`.
-    What this solve hands to the next one is collected in `each` and `still` on the way.
+    `avoid_tubes` and `tube` give avoid tubes, `patch` says what is left to solve of an entry, in the order of
+    `recursion`. What this solve hands to the next one is collected in `each` and `still` on the way.
 
     Parameters
     ----------
@@ -301,7 +304,10 @@ class Former:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool, found once."""
+        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool.
+
+        Found once for each triple.
+        """
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
             self._differing[*entry, made] = differing(now, then)

@@ -81,8 +81,9 @@ class Games(Protocol):
         """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the avoid tube of an unsafe set over the interval from a step: (L, *subgrid of
-        problem.avoid_axes).
+        """For each input the avoid tube of an unsafe set over the interval from a step.
+
+        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
 
         A level-set function: <= 0 where the input stays clear of the set.
         """
@@ -271,8 +272,9 @@ class _OnAxes:
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j) for every input j in turn, the level-set function of its reach set: (*shape), wanted nodes
-        alone.
+        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set.
+
+        It is (*shape), the wanted nodes alone.
 
         Phi_j is at the begin of the interval from `step`, `values` (*shape) those of the set to be in at its end.
         """
@@ -295,8 +297,9 @@ class _OnAxes:
         return tubes
 
     def no_tubes(self, obstacle: ObstacleFunction) -> FloatArray:
-        """A new array for avoid tubes, filled with -inf (nothing to avoid): (L, *subgrid of obstacle.axes), wanted
-        nodes alone.
+        """A new array for avoid tubes where nothing is to be avoided: filled with -inf.
+
+        It is (L, *subgrid of obstacle.axes), the wanted nodes alone.
         """
         nodes = zip(self.problem.grid.subgrid(obstacle.axes).shape, self.wanted_on(obstacle.axes), strict=True)
         return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
@@ -345,14 +348,12 @@ class HJIGames(_OnAxes):
 
     @property
     def drift(self) -> FloatArray:
-        """The velocity under each input along the games' axes, (L, axes), in their units per s; only where it is
-        constant.
-        """
+        """The velocity under each input along the games' axes: (L, axes); only where it is constant."""
         return self.problem.dynamics.arrays[0][:, self.axes]
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d, along each of the games' axes, (axes, D); only where it is constant."""
+        """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes: (axes, D); only where constant."""
         _, gain, bounds = self.problem.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
@@ -383,8 +384,9 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def pushed(self) -> FloatArray:
-        """How far along each axis the disturbance moves a state in an interval, if that is a cell or more, else 0:
-        (axes,).
+        """How far the disturbance moves a state along each axis in an interval, if that is a cell or more: (axes,).
+
+        It is 0 for less.
 
         In the axis's unit; computed once. Differences erode narrow maxima, which are gaps between pieces of a tube; the
         maximum over this box keeps them. Below a cell the box contains no other node, and interpolation alone would
@@ -440,8 +442,9 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages the interval from a step has, for
-        `within_stages`.
+        """How many nodes to each side a stage reads, and how many stages the interval from a step has.
+
+        This is for `within_stages`.
 
         still : the velocities of the PDE in the moving frame, if that PDE is meant; None: those of all inputs.
         """
@@ -499,9 +502,7 @@ class HJIGames(_OnAxes):
         far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
-            """Psi (*shape) on some planes, None: all; by differences, and at least the maximum over the disturbance's
-            box.
-            """
+            """Psi (*shape), right on some planes or, for None, on all; counted in `solved`."""
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -564,7 +565,7 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where `HopfLaxGames` can be."""
+        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where these exist."""
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
@@ -607,7 +608,7 @@ class HJIGames(_OnAxes):
 
         @cache
         def at(tau: float) -> FloatArray:
-            """max of -g from tau s before the interval's end to the end of that time step; or over the whole interval."""
+            """max of -g over the time step that begins tau s before the interval's end; or over the whole interval."""
             if not obstacle.instant:
                 return obstacle.values_over(t0, t1)
             return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
@@ -649,8 +650,9 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """How many time steps of the interval from a step are enough for every input, for games on some axes; at least
-        1.
+        """How many time steps of the interval from a step are enough for every input, at least 1.
+
+        axes : those on which the game is played.
 
         It is the most that `counted` has for these axes; else what the CFL condition asks for, looked at `INSTANTS`
         where velocities depend on time.
@@ -702,9 +704,7 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """The maximum of -g over the unsafe sets with these numbers, at tau, s left: (*shape), new, kept for other
-            inputs.
-            """
+            """The maximum of -g, at tau s left, over the unsafe sets with these numbers: (*shape), kept."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
@@ -725,8 +725,7 @@ class JointGames(HJIGames):
 
 
 class HopfLaxGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by the Hopf-Lax formula, exact up to interpolation; the formula is in
-    `sdhj.solver.hopf_lax`.
+    """Games 1 to 3 of App. A.3 by the Hopf-Lax formula (`sdhj.solver.hopf_lax`), exact up to interpolation.
 
     The velocity set must not depend on the state. A component of v that moves several axes moves the state along a
     segment; where `Interval.segments` has none for it, the bounding box of the velocities is used, which is
@@ -825,15 +824,17 @@ class HopfLaxGames(_OnAxes):
             tick(_operations(grid, moved) + A_PIECE)
 
     def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
-        """For each input a box and segments that hold all displacements in piece number `piece`, of `pieces`, of an
-        interval.
+        """For each input a box and segments that hold all its displacements in one piece of an interval.
+
+        piece : the number of the piece, of `pieces` equal ones. axes : along which.
         """
         ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
         return self._displacement_sets(interval, axes, ends.tolist())
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """For each input a box and segments that hold its displacements at all times `ends`, s from an interval's
-        begin.
+        """For each input a box and segments that hold its displacements at all of some times.
+
+        ends : the times, s from the interval's begin.
 
         axes : along which. ends : ascending.
         """

@@ -53,9 +53,7 @@ class Moved(NamedTuple):
     halves: FloatArray
 
     def runs(self) -> list[tuple[int, int]]:
-        """(first, end) of each run of successive inputs that have the same segments, bit for bit; they cover all
-        inputs.
-        """
+        """(first, end) of each run of successive inputs that have equal segments; they cover all inputs."""
         ends = np.cumsum([len(list(run)) for _, run in groupby(self.halves, key=lambda one: one.tobytes())]).tolist()
         return list(zip([0, *ends], ends, strict=False))
 

@@ -48,8 +48,7 @@ GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """The subspaces, axes that are kept, each of which drops one axis that no input drives; if none is such, any one
-    axis.
+    """The subspaces, each the axes that it keeps: each drops one axis that no input drives, or else any one axis.
 
     Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
     py or px is dropped: the paper's two subspaces. ValueError where the grid has one axis.
@@ -63,8 +62,9 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the drift along each axis: (ndim,) bool; all True if the drift is a black
-    box.
+    """Whether the choice of the input changes the drift along each axis: (ndim,) bool.
+
+    All are True if the drift is a black box.
     """
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
@@ -114,9 +114,7 @@ class ProjectedGames:
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games of a problem on subspaces, axes that are kept; those of the first subspace are made at once, for their
-        dtype.
-        """
+        """Games of a problem on subspaces; those of the first subspace are made at once, for their dtype."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -141,7 +139,7 @@ class ProjectedGames:
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs, on all subspaces, of a reach game or an avoid game: see `_OnAxes.operations`."""
+        """The operations of all inputs, on all subspaces, of a reach or an avoid game: `_OnAxes.operations`."""
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
@@ -167,8 +165,9 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Yield the reach sets of all inputs once, in one group, as pieces on the subspaces; the union is inside the
-        true ones.
+        """Yield the reach sets of all inputs once, in one group, as pieces on the subspaces.
+
+        Their union is inside the true reach sets.
         """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
@@ -190,8 +189,9 @@ class ProjectedGames:
             yield from enumerate(some.of())
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones: (L, *subgrid of
-        problem.avoid_axes).
+        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
+
+        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
 
         If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
         the tubes of the outer projections are united, and `free` says how much of the subspaces these leave free.
@@ -205,7 +205,7 @@ class ProjectedGames:
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """-g_p over [t0, t1] on the axes `keep`, the outer projection; computed once for all subspaces, and kept."""
+            """The outer projection of -g over [t0, t1] to the axes `keep`; computed once, and kept."""
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -222,8 +222,9 @@ class ProjectedGames:
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """Those of some axes that each subspace keeps; without empty ones, equal ones and parts of others, which give
-        less.
+        """Which of some axes each subspace keeps: a list without empty entries, equal ones, and parts of others.
+
+        A part of another gives a looser tube.
         """
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
@@ -289,9 +290,7 @@ class ProjectedSets(GridSets):
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
-            """The volume of the inner projection of {goal <= 0} to some axes over the volume of that set; 0 if that is
-            empty.
-            """
+            """The volume of the inner projection of {goal <= 0} to some axes over its own; 0 if that is 0."""
             whole = grid.fraction(goal <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
@@ -301,9 +300,7 @@ class ProjectedSets(GridSets):
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
     def _name(self, place: int) -> str:
-        """The name of the unsafe set at a place in problem.unsafe; if several have this name, with its number, from 1
-        on.
-        """
+        """The name of the unsafe set at a place in problem.unsafe, with its number, from 1, if others have the name."""
         names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
@@ -314,8 +311,7 @@ class ProjectedSets(GridSets):
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
     def empty(self) -> list[Finding]:
-        """Findings, from `lost`: subspaces that keep nothing of the target, and unsafe sets that leave no subspace
-        free.
+        """Findings, from `lost`, of subspaces that keep nothing of the target, and of sets that leave none free.
 
         The caller warns; [] if nothing is empty.
         """
@@ -412,8 +408,10 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        """The tubes on the whole grid, by games on subspaces, to be filled by `recursion`. ValueError where the
-        subspaces are not of the problem's grid.
+        """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`.
+
+        Checks memory, states the cost, solves the avoid games, and warns where a projection is empty. ValueError where
+        the subspaces are not of the problem's grid.
         """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options

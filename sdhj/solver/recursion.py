@@ -69,7 +69,7 @@ class TubeSets(Protocol):
         """Write the entry (step, within) from (step, within - 1), (step + 1, within - 1) and the step's avoid tubes."""
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; `within` is at least 1."""
+        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; within >= 1."""
 
     def share(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
@@ -178,8 +178,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How many times a grid is gone through, slab by slab with halos: slabs (width + 2 halo) / nodes along the cut
-        axis.
+        """How many times a grid is gone through, slab by slab: slabs (width + 2 halo) / nodes along the cut axis.
 
         It is 1 where `axis`, the axis of this grid that is cut, is None, or where there is one slab.
         """
@@ -238,9 +237,7 @@ class InputRows:
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        """Choose the rows for avoid tubes on this grid: more axes are joined only up to half of the axes or `LONG`
-        nodes.
-        """
+        """Choose the rows; more axes are joined only up to half of the axes, or up to `LONG` nodes."""
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -292,9 +289,7 @@ class InputRows:
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:
-        """The numbers (R',) of the rows that have nodes in the marked planes of the last two axes: `planes`
-        (*shape[:-2]) bool.
-        """
+        """The numbers (R',) of the rows that have nodes in the marked planes, `planes` (*shape[:-2]) bool."""
         axes, lead = self.grid.ndim - self.last, planes.ndim
         if axes > lead:  # lines
             planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
@@ -488,9 +483,7 @@ class GridMethod(Protocol):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """The method's options, plain values by name, for the details of the table; "dtype" is that of the table's
-        values.
-        """
+        """The method's options, plain values by name, for the table's details; "dtype" is that of its values."""
 
     def on(self, problem: ReachAvoidProblem) -> Games:
         """The games of the intervals of a problem, on its whole grid; what they sample is kept with them."""
@@ -554,7 +547,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Solve the avoid games; where no `slabs` are given, first check memory, state the cost, warn of a coarse grid."""
+        """Solve the avoid games; without `slabs` first check memory, state the cost, warn of a coarse grid."""
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
@@ -593,8 +586,9 @@ class GridSets:
         return plan
 
     def _avoid_tubes(self) -> None:
-        """Write the avoid tubes into the arrays, static ones once and moving ones for each step, or copy the former
-        solve's.
+        """Write the avoid tubes into the arrays, static ones once and moving ones for each step.
+
+        Those of the former solve are copied if they are the same.
 
         Slabs that a resumed store already has are not solved. Unless there are such, warns of unsafe sets that no node
         is in danger of.
@@ -679,9 +673,7 @@ class GridSets:
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
-        """Make the entry (step, within) the same tube as (step, within - 1), without solving; counts it, ticks its
-        slabs.
-        """
+        """Make the entry (step, within) the same tube as (step, within - 1); counts it, and ticks its slabs."""
         self.table.share(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)

@@ -109,15 +109,14 @@ def check_seams(problem: "ReachAvoidProblem") -> None:
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
-    """Times, s, from 0 to the problem's last step, `SPANS` + 1 at most; only 0 if `timed` is false (nothing changes)."""
+    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
 
 @lru_cache(maxsize=8)  # what moves is looked at many times
 def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
-    """For each periodic axis: its number, points (M, ndim) just before its upper end, and the same points at its lower
-    end.
+    """For each periodic axis its number, points (M, ndim) just before its upper end, and the same at its lower end.
 
     They are `most` random points (of seed 0), half of their coordinates at nodes, and all nodes of the seam if these
     are at most `most`. Cached: the arrays are shared and must not be written.
@@ -194,7 +193,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 
 
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
-    """The finding that no node is in an unsafe set, in any of at most `SPANS` intervals if it moves; None where one is."""
+    """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
         g = (
@@ -294,8 +293,7 @@ FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a ca
 
 
 def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """The finding that a level-set function is flat inside, at time t, so that differences wear the set down; else
-    None.
+    """The finding that a level-set function is flat inside, so that differences wear the set down; None if not.
 
     It is if it falls to a value less than `FLAT` cells below zero and is constant, to rounding, around some node there;
     a cell is the median change from node to node at the boundary. None also where it is 0 in the whole set, where

@@ -245,9 +245,7 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
 
 
 def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
-    """Bytes of what `_arranged` makes of velocities that depend on the state: lower and upper ones of all axes, at all
-    nodes.
-    """
+    """Bytes of what `_arranged` makes of velocities, a box at each node, that depend on the state."""
     layout = layout_of(grid, scheme.order)
     plane = (layout.rows + 2 * layout.top) * layout.width
     return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
@@ -409,9 +407,7 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage from tau = now to then: out = keep out + (1 - keep) (source + dt H), at least the obstacle, in
-        place.
-        """
+        """One stage, in place: out = keep out + (1 - keep) (source + dt H(now)), at least the obstacle at `then`."""
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)

@@ -51,8 +51,7 @@ class AvoidGame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How a solve is cut into slabs, and what games are played on them: all that solving a slab takes besides its
-    arrays.
+    """How a solve is cut into slabs, and what games are played on them: all that a slab takes but its arrays.
 
     It is pickled for other processes, without `kept` and what has been made. One slab is the whole grid, in memory.
 
@@ -134,8 +133,9 @@ class Plan:
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
-        """The games by which an avoid game is played on slab `number`, and the index of the slab's nodes in their
-        tubes, without L.
+        """The games by which an avoid game is played on slab `number`, and where the slab is in their tubes.
+
+        The second is an index of the tubes' nodes, without the axis of inputs.
 
         The games are new, on the slab with its halo; a game that is not cut is played on all of its grid, and one on
         the padded grid of the only slab by `whole`.
@@ -235,9 +235,7 @@ def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: M
 
 
 def _most_time_steps(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
-    """The time steps of the input that needs most, for games on `axes`: from `counted` if it has them, else from the
-    games.
-    """
+    """The time steps of the input that needs most: from `counted` if it has these axes, else from the games."""
     return max(1, *counted[axes]) if axes in counted else games.steps(axes, 0)
 
 
@@ -270,8 +268,7 @@ def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tupl
 
 
 def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: int = 12, times: int = 1) -> int:
-    """Upper estimate of the bytes that the games of one interval on `grid` take at their peak; never more for a smaller
-    grid.
+    """Upper estimate of the bytes that the games of one interval on `grid` take; never more for a smaller grid.
 
     These are the samples; the stages with ghost nodes and shifted copies, as `arrays` arrays of the grid's size and
     `dtype`; and velocities that depend on the state, kept for all inputs, at `times` times, up to `KEPT` bytes. On
@@ -291,8 +288,9 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
 
 
 def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
-    """The entry at `place` of an array ("tubes", ...) at the nodes of a window, around periodic ends too:
-    (*window.shape).
+    """The entry at `place` of an array ("tubes", ...) at the nodes of a window: (*window.shape).
+
+    The window may reach around the ends of a periodic axis.
 
     A read-only view where it lies in one piece, else a copy.
     """

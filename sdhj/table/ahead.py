@@ -67,7 +67,7 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
     """
 
     def put(one: Node) -> Node | None:
-        """What replaces a leaf of the set's function: a coordinate of the state, or the time; None for anything else."""
+        """What replaces a leaf of the set's function: a coordinate of the state, the time, or None."""
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
     return rebuilt(part.level_set.outputs, put)[0]

@@ -68,7 +68,7 @@ class Batch(NamedTuple):
 
     @property
     def depths(self) -> FloatArray:
-        """What inputs are preferred by, the least first: `game` if there is one, else the margins; (M, L), not a copy."""
+        """What inputs are preferred by, the least first: `game` if there is one, else the margins; (M, L)."""
         return self.margins if self.game is None else self.game
 
     @property
@@ -82,7 +82,7 @@ class Batch(NamedTuple):
 
     @property
     def promised(self) -> FloatArray:
-        """Whether some input is safe, so that the promise of the tube can be kept, up to interpolation: (M,) bool, new."""
+        """Whether some input is safe, so that the promise can be kept, up to interpolation: (M,) bool."""
         return np.logical_or.reduce(self.safe, axis=1)
 
 
@@ -123,7 +123,7 @@ class Table:
 
     @property
     def game(self) -> int:
-        """Position of the game's value in `tubes`, of a table on a grid that stays clear for ever; -1 for all others."""
+        """Position of the game's value in `tubes`, for a table on a grid that stays clear for ever; else -1."""
         return -1
 
     @property
@@ -330,7 +330,7 @@ class Table:
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
-        """To be implemented: the share, 0 to 1, of the grid's volume in the tube (start, within); the pair is clipped."""
+        """To be implemented: the share, 0 to 1, of the grid's volume in the tube; the pair is clipped."""
         raise NotImplementedError
 
     # ---- states

@@ -74,16 +74,13 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache
 def _sides(ndim: int) -> FloatArray:
-    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or the upper end of each axis. Cached; not to be
-    written.
-    """
+    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or upper end of an axis. Cached, to be read only."""
     return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """The answer of `Controller.filter` for M states; for a single state the fields are one number, command or bool
-    each.
+    """The answer of `Controller.filter` for M states; for a single state the fields lack the axis of states.
 
     Attributes
     ----------
@@ -112,7 +109,7 @@ class Filtered:
 
 
 def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
-    """Squares of the Euclidean distances (M, L) from commands (M, m) to inputs (L, m), added up component by component."""
+    """Squared Euclidean distances (M, L) from commands (M, m) to inputs (L, m), added component by component."""
     return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 

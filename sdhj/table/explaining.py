@@ -58,9 +58,7 @@ class Explanation:
     helps: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """Lines of text: what is true of the state, the first `SHOWN` failures, how many more there are, and what may
-        help.
-        """
+        """Lines of text: what is true of the state, `SHOWN` failures, how many more there are, what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
@@ -68,7 +66,7 @@ class Explanation:
 
 
 def entry_named(table: Any, step: int, within: int) -> str:
-    """Which tube (step, within) is, in words that follow on "the tube": "for step 2 with 3 steps to go", or "for ever"."""
+    """Which tube it is, in words after "the tube": "for step 2 with 3 steps to go", or "for ever"."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"

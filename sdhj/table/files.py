@@ -68,8 +68,7 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A context with a temporary path beside `path`, whose file replaces that of `path` at the end, unless there is an
-    error.
+    """A context with a temporary path, whose file replaces that of `path` at the end unless there is an error.
 
     No incomplete file is ever visible, not even after a crash: the file is flushed to the disk before it is renamed.
     The suffix, by which writers choose formats, is kept. OSError, with what to do, if nothing can be written there;
@@ -96,8 +95,7 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end if it is still
-    there.
+    """A context with the path of an empty new file beside `path`, which is deleted at the end if still there.
 
     Its name is hidden, with the suffix of `path`, and it is in `TEMPORARIES` meanwhile. OSError, with what to do, if it
     cannot be made.
@@ -214,7 +212,7 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
 
 
 def header(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it; arrays are not read. Errors are those of `sdhj.load`."""
+    """The head of a table's file, as `checked_head` returns it, without its arrays; errors as of `sdhj.load`."""
     with opened(path) as (head, _):
         return head
 

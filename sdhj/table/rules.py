@@ -78,14 +78,12 @@ class Candidates:
 
     @property
     def depths(self) -> FloatArray:
-        """The margins or, for tables on a grid that hold for ever, the same of the game's value (`Batch.game`): (P,)."""
+        """The margins or, for tables on a grid that hold for ever, the depths by `Batch.game`: (P,), new."""
         return self.batch.depths[self.batch.safe]
 
     @property
     def successors(self) -> FloatArray:
-        """The states to which the inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim),
-        new.
-        """
+        """Where the inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim), new."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
         return self.problem.grid.clipped(moved)

@@ -136,9 +136,7 @@ class Shapes:
         return -(-self.shape[self.axis] // self.width)
 
     def axes(self, array: str) -> tuple[int, ...]:
-        """The axes of the grid that an array has, ascending: all of them for tubes and marks, else those of
-        `avoid_axes`.
-        """
+        """The axes of the grid that an array has, ascending: all of tubes and marks, else those of `avoid_axes`."""
         return self.avoid_axes.get(array, tuple(range(len(self.shape))))
 
     def slabs_of(self, array: str) -> int:
@@ -150,9 +148,7 @@ class Shapes:
         return number * self.width, min((number + 1) * self.width, self.shape[self.axis])
 
     def runs(self, array: str, number: int) -> Runs:
-        """The nodes (begin, end) of slab `number` on each axis of the grid that an array has; on axes not cut all
-        nodes.
-        """
+        """The nodes (begin, end) of slab `number` on each axis that an array has; on axes not cut all nodes."""
         return [self.span(number) if axis == self.axis else (0, self.shape[axis]) for axis in self.axes(array)]
 
     def dtype_of(self, array: str) -> Any:
@@ -199,7 +195,7 @@ class Shapes:
 
 
 def index_of(runs: Runs) -> Any:
-    """The index, for NumPy, of the part of an array that has the nodes `runs`, (begin, end) on each of its last axes."""
+    """The index, for NumPy, of the nodes `runs` of an array, (begin, end) on each of its last axes."""
     return (..., *(slice(*run) for run in runs))
 
 
@@ -240,9 +236,7 @@ class Arrays:
         return AvoidTubes(axes[0], self.whole(static), axes[1], self.whole(moving))
 
     def table(self, problem: ReachAvoidProblem, method: str, index: FloatArray) -> LookupTable:
-        """A `LookupTable` over the whole arrays, without a copy and without details; index (entries,) int64 is its
-        index.
-        """
+        """A `LookupTable` over the whole arrays, not copied, with the index (entries,) int64 and no details."""
         return LookupTable(problem, method, index, self.whole("tubes"), self.whole("marks"), self.avoid, {})
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
@@ -274,7 +268,7 @@ class Memory(Arrays):
         return found
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """Views of the slab's place in the arrays where there is one slab, so that nothing is copied; else new zeros."""
+        """Views of the slab's place in the arrays where there is one slab; else new zeros."""
         one = self.layout.slabs == 1
         return [self.entry(array, slab.place) for array in slab.arrays] if one else super().buffers(slab)
 
@@ -283,8 +277,7 @@ class Memory(Arrays):
         return False
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Put `values`, the arrays of a slab as `buffers` returns them, to their place; returns "", in place of a
-        digest.
+        """Put `values`, the arrays of a slab as `buffers` returns them, to their place; returns "".
 
         Views of that place are not copied; an array of the shape of a whole one replaces that.
         """
@@ -346,9 +339,7 @@ class Store(Arrays):
 
     @cached_property
     def begins(self) -> dict[str, int]:
-        """The offset in bytes at which each array begins in its file; TableFileError where a file is none of this
-        store.
-        """
+        """The offset in bytes at which each array begins in its file; TableFileError for files that do not fit."""
         return {array: self._header(array)[0] for array in NAMES if self.layout.axes(array)}
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
@@ -382,8 +373,7 @@ class Store(Arrays):
         return np.asarray(np.memmap(self.file(array), kind, "c", begin, block))
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Write the arrays of a slab to their places in the files and flush them to the disk; returns the slab's
-        digest.
+        """Write the arrays of a slab to the files and flush them to the disk; returns the slab's digest.
 
         It is not yet entered in the ledger (`enter`). OSError, with what to do, if it cannot be written.
         """
@@ -398,7 +388,7 @@ class Store(Arrays):
         return self.digest(slab, values)
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """Yield the parts of a slab's `values` that lie in one piece of the array's file: (offset in bytes, 1-D array)."""
+        """Yield the parts of a slab's `values` that are contiguous in the file: (offset in bytes, 1-D array)."""
         block = self.layout.entry_shape(array)
         runs = [*((0, n) for n in self.layout.leading_shape(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
@@ -448,9 +438,7 @@ class Store(Arrays):
         self.entered[slab] = digest
 
     def digest(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """SHA-256, in hexadecimal, of the seal, the slab's array, place and number, and its values: what the ledger
-        has.
-        """
+        """SHA-256, in hexadecimal, of the seal, the slab's array, place and number, and its values."""
         found = hashlib.sha256(f"{self.seal} {slab.array} {slab.place} {slab.number}\n".encode())
         for one in values:
             found.update(np.ascontiguousarray(one).reshape(-1).data)
@@ -649,8 +637,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 
 
 def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
-    """Write the header of an array's .npy file for so many tubes at the position of a stream, and set the file's
-    length.
+    """Write the header of an array's .npy file for so many tubes to a stream, and set the file's length.
 
     It always has the same length, so that a later one may have fewer tubes. tubes : ignored for avoid tubes. What is
     not written yet takes no room on the disk where the file system allows that.

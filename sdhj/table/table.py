@@ -76,8 +76,7 @@ def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class AvoidTubes:
-    """Level-set functions of the avoid tubes (Definition 3) of all unsafe sets, <= 0 where u_j is safe over the
-    interval.
+    """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
     The arrays are made read-only. A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there.
 
@@ -189,16 +188,15 @@ class LookupTable(Table):
         return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of the tube (start, within) itself, shape grid.shape, writable while the table is being filled in."""
+        """The array of the tube (start, within) itself, shape grid.shape; writable until `finish`."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The marks of the tube (start, within) themselves, (bytes, size) uint8, writable while it is being filled in."""
+        """The marks of the tube (start, within) themselves, (bytes, size) uint8; writable until `finish`."""
         return self.marks[self.tube_index(start, within)]
 
     def share(self, start: int, within: int) -> None:
-        """Let (start, within) be the same stored tube as (start, within - 1), marks included: writes the index in
-        place.
+        """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
 
         Later tubes move up by one position, so call it before they are computed, in place of computing this one;
         nothing is done where the two are one tube already. Where nothing depends on time and N is given, all entries
@@ -251,8 +249,7 @@ class LookupTable(Table):
         return float(change.mean()) / (QUIET * slope) if slope else 0.0
 
     def settled(self, last: int) -> "LookupTable":
-        """The table of the first `last` steps of a solve with steps=None, whose problem then has `last` steps (at least
-        1).
+        """The table of the first `last` steps of a solve with steps=None; its problem has so many (at least 1).
 
         The tubes are copied, so that the space of all others is freed. Without a target it is the table of the one set
         that is safe for ever (`cells_inside`): every entry is this tube, the inputs are those marked in all of the last
@@ -350,15 +347,11 @@ class LookupTable(Table):
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are in a tube: interpolated value <= 0; with a `Sensing` in the whole box E around
-        each.
-        """
+        """Whether points (M, ndim) are in a tube: interpolated value <= 0; with sensing in all of the box E."""
         return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
-        """The share, 0 to 1, of the grid's volume in a tube, counted by nodes; with a `Sensing` of the tube eroded by
-        E.
-        """
+        """The share, 0 to 1, of the grid's volume in a tube, by nodes; with sensing of the tube eroded by E."""
         return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
@@ -420,9 +413,7 @@ class LookupTable(Table):
 
     @cached_property
     def _all_formulas(self) -> bool:
-        """Whether no level-set function of the problem is a black box, so that compiled code can evaluate all; found
-        once.
-        """
+        """Whether no level-set function is a black box, so that compiled code can evaluate all; found once."""
         return not any(isinstance(one.level_set, BlackBox) for one in self.problem.all_sets)
 
     @kept
@@ -437,9 +428,7 @@ class LookupTable(Table):
 
     @cached_property
     def _stored(self) -> tuple[FloatArray, ...]:
-        """The arrays that compiled look-ups read, in the order of `StoredTubes`: views, with the nodes of a function in
-        one axis.
-        """
+        """The arrays that compiled look-ups read, in the order of `StoredTubes`: views, nodes in one axis."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
         return self.index, tubes, self.marks, static, moving
