@@ -32,9 +32,9 @@ class Segment(NamedTuple):
     length : a number or (...), >= 0.
     """
 
-    start: FloatArray  # (..., 2)
-    direction: FloatArray  # (..., 2), of length 1
-    length: Any  # float, or (...)
+    start: FloatArray
+    direction: FloatArray
+    length: Any
 
     @classmethod
     def point(cls, points: FloatArray) -> "Segment":

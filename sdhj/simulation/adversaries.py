@@ -65,19 +65,18 @@ class Moment:
     """
 
     problem: ReachAvoidProblem
-    states: FloatArray  # (M, ndim), the current state of each run
-    inputs: FloatArray  # (M,) int, the index in problem.inputs of the input that each robot holds over the interval
-    steps_to_go: FloatArray  # (M,) int, at the start of the interval
-    step: int  # k, of the interval
-    substep: int  # that begins; substep 0 begins at the start of the interval
-    time: float  # now, s
-    remaining: float  # until the interval's end, s
-    duration: float  # of the substep, s
-    previous: FloatArray  # (M, D), the disturbance in the previous substep; zeros at the start of an interval
-    runs: FloatArray  # (M,) int, the number of the run that each row belongs to; runs that have ended have no row
-    # of points (M, V, ndim), V for each run: level-set values (M, V) of the tube that has to hold the interval's end
+    states: FloatArray
+    inputs: FloatArray
+    steps_to_go: FloatArray
+    step: int
+    substep: int
+    time: float
+    remaining: float
+    duration: float
+    previous: FloatArray
+    runs: FloatArray
     tube: Callable[[FloatArray], FloatArray]
-    rng: np.random.Generator  # the only source of random numbers, so that runs with the same seed are identical
+    rng: np.random.Generator
 
     @property
     def interval(self) -> Interval:
@@ -290,14 +289,12 @@ class Sight:
         The only source of random numbers.
     """
 
-    problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
-    states: FloatArray  # (M, ndim), the current state of each run
-    box: FloatArray  # (ndim,), the bounds on the measurement error
-    step: int  # that the measurement is for
-    starting: FloatArray  # (M, ndim), each state when the next input starts, without a disturbance
-    # of errors (M, ndim): the inputs that the controller would choose, and steps to go, both (M,); -1 for no answer
+    problem: ReachAvoidProblem
+    states: FloatArray
+    box: FloatArray
+    step: int
+    starting: FloatArray
     ask: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    # of points (M, ndim) and steps to go (M,): level-set values (M,) of the tube of predictions, one step later
     tube: Callable[[FloatArray, FloatArray], FloatArray]
     rng: np.random.Generator
 
@@ -359,9 +356,9 @@ class BuiltIn:
     """
 
     name: str
-    push: Adversary  # the disturbances (M, D)
-    mislead: Callable[[Sight], FloatArray]  # the errors of measurements (M, ndim)
-    shift: Callable[[Moment], FloatArray]  # -1, 0 or 1 (M,): the next input starts early, on time or late
+    push: Adversary
+    mislead: Callable[[Sight], FloatArray]
+    shift: Callable[[Moment], FloatArray]
 
     def __call__(self, moment: Moment) -> FloatArray:
         """The disturbances (M, D) of M runs at a moment: those of `push`."""

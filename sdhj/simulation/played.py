@@ -61,13 +61,13 @@ class Played:
         What would reduce the losses, in sentences; "" where no run was lost.
     """
 
-    runs: int  # how many were simulated
-    lost: int  # how many of them did not end as "reached"
+    runs: int
+    lost: int
     adversary: str
-    ways: Mapping[str, int]  # runs lost in each way, which names the unsafe set or the axis whose end was crossed
-    outside: int  # how many began outside the target, so that anything had to be done; all without a target
-    outside_lost: int  # how many of these were lost
-    advice: str  # what would reduce the losses; empty where no run was lost
+    ways: Mapping[str, int]
+    outside: int
+    outside_lost: int
+    advice: str
 
     @property
     def interval(self) -> tuple[float, float]:

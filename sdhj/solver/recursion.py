@@ -500,9 +500,9 @@ class Slabs(NamedTuple):
     """
 
     plan: Plan
-    arrays: Memory | Store | None = None  # by default in memory
-    run: Callable[[list[Task]], Iterable[Any]] | None = None  # yields what `work` returns of tasks, in any order
-    tick: Callable[[int], Any] = lambda slabs: None  # gets how many slabs are done, each time that some are
+    arrays: Memory | Store | None = None
+    run: Callable[[list[Task]], Iterable[Any]] | None = None
+    tick: Callable[[int], Any] = lambda slabs: None
 
 
 class GridSets:

@@ -43,10 +43,10 @@ class AvoidGame(NamedTuple):
     """
 
     danger: Danger
-    axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
-    begin: int = 0  # where the problem's first node lies on it
-    halo: int = 0  # nodes beside a slab
-    counted: Mapping[Axes, Any] = {}  # as `HJIGames.counted`
+    axis: int | None = None
+    begin: int = 0
+    halo: int = 0
+    counted: Mapping[Axes, Any] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,12 @@ class Plan:
     make: Callable[..., Games]
     dtype: str
     games: tuple[AvoidGame, ...]
-    axis: int = 0  # that is cut
-    width: int = 0  # nodes of a slab; 0: all
-    halo: int = 0  # nodes beside it in the games of being in a set
-    counted: Mapping[Axes, Any] = field(default_factory=dict)  # as `HJIGames.counted`
-    former: Any = None  # an earlier solve in this process, of which what cannot differ is copied
-    kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
+    axis: int = 0
+    width: int = 0
+    halo: int = 0
+    counted: Mapping[Axes, Any] = field(default_factory=dict)
+    former: Any = None
+    kept: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __reduce__(self) -> Any:  # without what was kept
         """Pickled are the fields that were given; `kept` and the games that have been made are not."""
@@ -162,11 +162,11 @@ class Task(NamedTuple):
     slab : the number of the slab.
     """
 
-    kind: str  # "goal", "extend", "avoid_static" or "avoid_moving"
+    kind: str
     step: int
-    place: int  # of the tube (step, within) among the stored ones, or of the avoid tubes
-    before: int = 0  # ... (step, within - 1)
-    after: int = 0  # ... (step + 1, within - 1)
+    place: int
+    before: int = 0
+    after: int = 0
     slab: int = 0
 
     @property

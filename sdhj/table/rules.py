@@ -49,9 +49,9 @@ class Candidates:
 
     problem: ReachAvoidProblem
     batch: Batch
-    rows: FloatArray  # (P,) int, the index of the state in the batch
-    inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
-    before: FloatArray  # (P,) int, the index of the input that is held until now, -1 where none is known
+    rows: FloatArray
+    inputs: FloatArray
+    before: FloatArray
 
     @property
     def step(self) -> int:

@@ -115,14 +115,14 @@ class Shapes:
         is nothing to avoid.
     """
 
-    shape: tuple[int, ...]  # of the grid
+    shape: tuple[int, ...]
     inputs: int
-    tubes: int  # as many as there is room for
+    tubes: int
     steps: int
     dtype: str
     axis: int
     width: int
-    avoid_axes: Mapping[str, tuple[int, ...]]  # of avoid_static and avoid_moving
+    avoid_axes: Mapping[str, tuple[int, ...]]
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
