@@ -88,7 +88,7 @@ def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> Fl
     """Which planes depend on a marked one of `planes` (*shape[:-2]) bool after some stages of finite differences.
 
     A stage reads `order` nodes to each side, along one axis at a time. As reading is symmetric, these are also the
-    planes that marked ones depend on. Returns `planes` itself where nothing is added, else a new array.
+    planes that marked ones depend on. Returns `planes` itself if none or all are marked, else a new array.
     """
     for _ in range(stages if planes.any() else 0):
         if planes.all():
@@ -298,7 +298,7 @@ class Former:
         changed = self._differs(table, (step + 1, within - 1), made - 1)
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
 
-    def done(self, patch: Patch, step: int, within: int) -> None:
+    def keep_still(self, patch: Patch, step: int, within: int) -> None:
         """Put the PDE's solution in the moving frame, if the games found one for this entry, into `still`."""
         if patch.still is not None:
             self.still[step, within] = patch.still

@@ -215,6 +215,8 @@ class _OnAxes:
 
     Attributes
     ----------
+    patches : bool
+        Whether `grouped_reach_sets` takes a `Patch` into account.
     problem : ReachAvoidProblem
     axes : tuple of int
         Those of the problem's grid on which reach games are played.
@@ -325,6 +327,8 @@ class HJIGames(_OnAxes):
         That of the scheme.
     solved : int
         PDEs solved so far; one in the moving frame counts once for all inputs.
+    joint : bool
+        Whether the reach sets avoid the unsafe sets already.
     """
 
     joint = False

@@ -253,7 +253,7 @@ class InputRows:
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._places(some, last) for some in axes)
 
-    def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
+    def as_rows(self, values: FloatArray, lead: int = 0) -> FloatArray:
         """A view in rows, (lead..., R, size), of values (lead..., *shape) with `lead` axes before those of the grid."""
         return values.reshape(*values.shape[:lead], -1, self.size)
 
@@ -331,13 +331,13 @@ class InputRows:
         )
         some = self.every if some is None else some
         add_inputs(
-            self.of(tube),
-            self.of(marks, 1),
+            self.as_rows(tube),
+            self.as_rows(marks, 1),
             found,
             reach_sets.number,
             reach_sets.first,
             avoid_rows,
-            self.of(start),
+            self.as_rows(start),
             some,
         )
 
@@ -652,7 +652,7 @@ class GridSets:
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
         if self.former and patch:
-            self.former.done(patch, step, within)
+            self.former.keep_still(patch, step, within)
         if endless:
             tube, before = table.value_array(step, within), table.value_array(step, within - 1)
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))

@@ -103,7 +103,23 @@ class Table:
     where an argument does not fit.
 
     A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
-    `method`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
+    `method`, `index`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here. What a table has
+    does not change; look-ups keep what they compute, and may be made from several threads.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        What was solved; of a problem with steps=None with the number of steps that it took.
+    method : str
+        The name of the method.
+    details : mapping
+        Options of the method and statistics of the solve.
+    index : (entries,) int array
+        For each (start, within), in the order of `entry`, the position of its tube among the stored ones.
+    proved : bool
+        Whether the answers are proved, so that checking the true sets adds nothing.
+    player : callable, or None
+        Simulates runs for `played`.
     """
 
     problem: ReachAvoidProblem
@@ -215,10 +231,11 @@ class Table:
     # ---- sets
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function of the tube within so many steps, by default all: (points (M, ndim), t) -> (M,).
+        """The tube as a level-set function (points (M, ndim), t) -> (M,), for `TargetSet.from_table`.
 
-        At t_k it is the tube of step k, interpolated, at other times 1, unless nothing depends on time. ValueError if
-        `within` is none from 0 to N.
+        At t_k it is the tube of step k with min(within, N - k) steps to go, interpolated; at other times it is 1,
+        nothing is inside. If nothing depends on time, it is the tube of step 0 at any time. within : None stands for N;
+        ValueError if it is none from 0 to N.
         """
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)

@@ -41,7 +41,7 @@ class NotAdmissible(ValueError):
     """
 
 
-def _done(state: FloatArray, step: int) -> str:
+def _message_in_target(state: FloatArray, step: int) -> str:
     """The message of an error about a state (ndim,) in the target that no input is proved to lead back into it."""
     return (
         f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
@@ -106,6 +106,19 @@ class Controller:
         if none does, "deepest" decides. A rule with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked
         of all inputs after which the target can still be reached by the last step (`allowed`), and the step has to be
         given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
+
+    Attributes
+    ----------
+    table, problem, rule
+        As given; the problem is that of the table.
+    all_left : bool
+        Whether the rule chooses among all inputs after which the target can be reached by the last step.
+    timed : bool
+        Whether answers depend on the step, which then has to be given.
+    last : Action or None
+        The last answer of `step`.
+    remembered : (array, int) or None
+        The point (ndim,) that `step` has carried to its last answer, and the step of this.
 
     Raises
     ------
@@ -251,7 +264,7 @@ class Controller:
         held = None if before is None else np.array([whole("before", before, least=-1, most=most)])
         chosen = int(self.choose(batch, held)[0])
         if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
-            raise NotAdmissible(_done(batch.states[0], batch.step))
+            raise NotAdmissible(_message_in_target(batch.states[0], batch.step))
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
@@ -333,7 +346,7 @@ class Controller:
         """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
         if self.table.proved and self._in_target(states[0], step):
-            return _done(states[0], step)
+            return _message_in_target(states[0], step)
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:
@@ -712,9 +725,8 @@ class Controller:
     def allowed(self, batch: Batch) -> FloatArray:
         """Which of the safe inputs a rule with `all_left`, and the filter, may choose for each state: bool (M, L).
 
-        For a table on a grid those that keep `SHIELDED` cells (margin <= -SHIELDED * Table.cell) or, if that is less,
-        have the least margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe`
-        itself.
+        For a table on a grid those with margin <= -SHIELDED * Table.cell or, where no input has, those of the least
+        margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe` itself.
         """
         if self.table.proved or batch.game is not None:
             return batch.safe

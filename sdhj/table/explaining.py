@@ -20,9 +20,10 @@ class Failure:
     Attributes
     ----------
     input : int
+        Index into problem.inputs.
     by : str
-        The unsafe set or the end of an axis that the state may meet; "image" if what it may lead to is not all in the
-        next tube; "marks" if only the look at the nodes around or at the true sets refuses it.
+        The name of the unsafe set, or the end of an axis, that the state may meet; "image" if what it may lead to is
+        not all in the next tube; "marks" if only the look at the nodes around or at the true sets refuses it.
     short : float
         By how much, as a number below 0. On a grid the level-set value, turned; for a certified table the least that
         the set's level-set function may be, the way past the end, or the share of the image's cells not certified.
