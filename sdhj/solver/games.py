@@ -366,15 +366,15 @@ class HJIGames(_OnAxes):
         """Whether the drift can be solved by a shift; computed once.
 
         It can if the scheme allows it, velocities are constant, and a wall does no more than end the shift. It cannot
-        for an axis with a drift if it has an unsafe end and there is no target; or if it has a wall, and a component of
-        v that moves several axes moves it too, and v may there outdo the drift.
+        for an axis with a drift if this axis has an unsafe end and there is no target; or if it has a wall, a component
+        of v that moves several axes moves it too, and v may outdo the drift there.
 
-        A wall stops the state. What comes of the whole interval is what would come without the wall, moved back to it
-        at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
-        Elsewhere a state that has slid along the wall and left it again is displaced otherwise. Without a target, where
-        sets shrink away from unsafe ends step by step, differences are kept: tables for ever were judged with them. On
-        a line they are no better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly,
-        0.057 by shifts.
+        At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the interval.
+        This is right where the disturbance moves the axis on its own, and where the state never turns back from the
+        wall; a state that has slid along the wall and left it again is somewhere else. Without a target, where sets
+        shrink away from unsafe ends step by step, finite differences are kept, because tables for ever have been tested
+        with them. On a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set
+        is promised wrongly by differences and 0.057 by shifts.
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False

@@ -104,8 +104,8 @@ class ProjectedGames:
     subspaces : tuple of tuple of int
         The axes that each subspace keeps, ascending.
     free : dict
-        By the place in problem.unsafe of each unsafe set that had to be projected: the largest share of a subspace, 0
-        to 1, that is outside its outer projection. `avoid` fills it in.
+        For each unsafe set that had to be projected, by its position in problem.unsafe, the largest share of a
+        subspace, 0 to 1, that is outside its outer projection. `avoid` fills it in.
     crossed : float
         The most cells that the state crosses in an interval, as `operations` has found.
     dtype : str
@@ -117,7 +117,7 @@ class ProjectedGames:
         """Games of a problem on subspaces; those of the first subspace are made at once, for their dtype."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
-        # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
+        # by position in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
         self.free: dict[int, float] = {}
         self.crossed = 0.0
         self.dtype = self.on(subspaces[0]).dtype
@@ -242,8 +242,8 @@ class ProjectedGames:
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
         """Raise the entry of this unsafe set in `free` to `share`, 0 to 1, of a subspace, if it is larger."""
-        place = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
-        self.free[place] = max(share, self.free.get(place, 0.0))
+        position = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
+        self.free[position] = max(share, self.free.get(position, 0.0))
 
 
 class ProjectedSets(GridSets):
@@ -299,15 +299,15 @@ class ProjectedSets(GridSets):
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
-    def _name(self, place: int) -> str:
-        """The name of the unsafe set at a place in problem.unsafe, with its number, from 1, if others have the name."""
+    def _name(self, position: int) -> str:
+        """The name of an unsafe set, by its position in problem.unsafe; with its number, from 1, if others have it."""
         names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
-        alone = names.count(names[place]) == 1
-        return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
+        alone = names.count(names[position]) == 1
+        return names[position] if alone else f"{names[position]}, number {position + 1} of problem.unsafe"
 
     def _of_inputs(self, name: str) -> str:
         """ " of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
-        part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
+        part = next(one for position, one in enumerate(self.problem.unsafe) if self._name(position) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
     def empty(self) -> list[Finding]:

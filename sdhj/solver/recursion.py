@@ -313,7 +313,7 @@ class InputRows:
         marks : (bytes, *shape) uint8. Bit j % 8 of byte j // 8 says whether the value of input j is <= 0; the bits of
             these inputs have to be 0 before.
         reach_sets : level-set functions of the reach sets of successive inputs.
-        step : the place of the interval's step in `tubes.moving`.
+        step : the position of the interval's step in `tubes.moving`.
         start : (*shape), may be `tube` itself.
         some : the numbers of the rows in which this is done, by default all; other rows of `tube` and `marks` stay.
         """
@@ -343,10 +343,10 @@ class InputRows:
 
 
 def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
-    """The avoid tubes of a task's slab as `InputRows`, and the place of the task's step in their moving tubes.
+    """The avoid tubes of a task's slab as `InputRows`, and the position of the task's step in their moving tubes.
 
     In a solve with one slab, `InputRows` of all steps are made once and kept in `plan.kept`. In a solve with several,
-    those of this slab and step are read from `arrays` for each task, and the place is 0.
+    those of this slab and step are read from `arrays` for each task, and the position is 0.
     """
     layout, problem = plan.layout, plan.problem
     axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
@@ -357,8 +357,8 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
-        arrays.read(name, place, layout.runs(name, task.slab))
-        for name, place in (("avoid_static", 0), ("avoid_moving", task.step))
+        arrays.read(name, position, layout.runs(name, task.slab))
+        for name, position in (("avoid_static", 0), ("avoid_moving", task.step))
     )
     return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 

@@ -157,14 +157,14 @@ class Task(NamedTuple):
 
     kind : "goal", the entry (step, 0); "extend", the entry (step, within); "avoid_static" or "avoid_moving".
     step : the step k; 0 for "avoid_static".
-    place : where the result is written: the position of the tube among the stored ones, or the step of avoid tubes.
+    position : where the result is written: the position of the tube among the stored ones, or the step of avoid tubes.
     before, after : only for "extend": the positions of the tubes (step, within - 1) and (step + 1, within - 1).
     slab : the number of the slab.
     """
 
     kind: str
     step: int
-    place: int
+    position: int
     before: int = 0
     after: int = 0
     slab: int = 0
@@ -177,7 +177,7 @@ class Task(NamedTuple):
     @property
     def written(self) -> Slab:
         """Which part of the arrays is written, as `Memory` and `Store` take it."""
-        return Slab(self.array, self.place, self.slab)
+        return Slab(self.array, self.position, self.slab)
 
 
 # ---- how wide a halo is
@@ -287,8 +287,8 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     return found
 
 
-def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
-    """The entry at `place` of an array ("tubes", ...) at the nodes of a window: (*window.shape).
+def read_window(arrays: Arrays, array: str, position: int, window: Grid) -> FloatArray:
+    """The entry at `position` of an array ("tubes", ...) at the nodes of a window: (*window.shape).
 
     The window may reach around the ends of a periodic axis.
 
@@ -296,19 +296,19 @@ def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatAr
     """
     first = getattr(window, "first", (0,) * window.ndim)
     runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
-    return _around_ends(arrays, array, place, runs, getattr(window, "whole", window).shape)
+    return _around_ends(arrays, array, position, runs, getattr(window, "whole", window).shape)
 
 
-def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
+def _around_ends(arrays: Arrays, array: str, position: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
     """The part of an entry with the nodes `runs`, (begin, end) of each axis of a grid of shape `whole`.
 
-    array, place : as for `Arrays.read`. An end past the upper one of a periodic axis goes on at the lower one; then
+    array, position : as for `Arrays.read`. An end past the upper one of a periodic axis goes on at the lower one; then
         pieces are joined to a copy.
     """
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:
             parts = ((begin, whole[axis]), (0, end - whole[axis]))
             cut = [[*runs[:axis], part, *runs[axis + 1 :]] for part in parts]
-            found = [_around_ends(arrays, array, place, one, whole) for one in cut]
+            found = [_around_ends(arrays, array, position, one, whole) for one in cut]
             return np.concatenate(found, axis=axis - len(runs))
-    return arrays.read(array, place, runs)
+    return arrays.read(array, position, runs)

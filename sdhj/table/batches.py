@@ -53,8 +53,9 @@ class Batch(NamedTuple):
         The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
     game : (M, L) array, or None
-        Of tables on a grid for ever, whose margins are distances: three quarters of the game's largest value over the
-        states to which the input and any disturbance can lead, and a quarter of its value amid them.
+        Only of tables on a grid that stay clear for ever, whose margins are distances: three quarters of the game's
+        largest value over the states to which the input and any disturbance can lead, and a quarter of its value in the
+        middle of them.
     """
 
     states: FloatArray

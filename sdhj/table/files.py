@@ -367,9 +367,11 @@ def problem_of_file(
 ) -> ReachAvoidProblem:
     """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same.
 
-    path : only for messages; nothing is read. head : as `checked_head` returns it. arrays : as `arrays_in` or
-        `functions_of` return them. A `problem` with steps=None is given the file's number of steps if that is of such a
-        solve.
+    The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
+
+    arrays : what the file's formulas look up, and values of black boxes, by name, of `arrays_in` or `functions_of`.
+    problem : None, or what the user takes it for. If it has steps=None, and the file is of such a solve, it is returned
+        with the number of steps of the file.
 
     TableFileError if `problem` is another one, if it is None and the file has black boxes or cannot be read, or if the
     digest in the head is not that of what the head and the arrays describe.

@@ -5,7 +5,7 @@
     avoid_static.npy, avoid_moving.npy
                           ... those on no axes, where there is nothing to avoid, are left out
     tables/, opaque/      what formulas look up, and values of black boxes
-    ledger                a line for each finished slab: array, place, slab, SHA-256 of these, the head and the slab
+    ledger                a line for each finished slab: array, position, slab, SHA-256 of these, the head and the slab
     index                 which entry is which tube, once the table is whole
 
 Head and index are JSON behind a line with its SHA-256, that of the index with the head's. A slab is written, flushed to
@@ -73,12 +73,12 @@ class Slab(NamedTuple):
     """Which part of which arrays is read or written at a time: a slab of a tube with its marks, or of avoid tubes.
 
     array : "tubes", which stands for the marks too, "avoid_static" or "avoid_moving".
-    place : the position of the tube among the stored ones, or the step of moving avoid tubes; 0 for static ones.
+    position : the position of the tube among the stored ones, or the step of moving avoid tubes; 0 for static ones.
     number : of the slab, counted along the axis that is cut; 0 for avoid tubes that do not depend on this axis.
     """
 
     array: str
-    place: int
+    position: int
     number: int
 
     @property
@@ -213,16 +213,16 @@ class Arrays:
 
     layout: Shapes
 
-    def entry(self, array: str, place: int) -> FloatArray:
-        """To be implemented: the entry at `place` of an array, on the whole grid, of the shape that `Shapes` says."""
+    def entry(self, array: str, position: int) -> FloatArray:
+        """To be implemented: the entry at `position` of an array on the whole grid, of shape `Shapes.entry_shape`."""
         raise NotImplementedError
 
-    def read(self, array: str, place: int, runs: Runs) -> FloatArray:
-        """The nodes `runs`, (begin, end) on each axis of the grid, of the entry at `place` of an array.
+    def read(self, array: str, position: int, runs: Runs) -> FloatArray:
+        """The nodes `runs`, (begin, end) on each axis of the grid, of the entry at `position` of an array.
 
         A view if it is contiguous, else a copy; it should not be written.
         """
-        return np.ascontiguousarray(self.entry(array, place)[index_of(runs)])
+        return np.ascontiguousarray(self.entry(array, position)[index_of(runs)])
 
     def whole(self, array: str) -> FloatArray:
         """To be implemented: a whole array, as a `LookupTable` has it; later writes appear in it."""
@@ -262,22 +262,22 @@ class Memory(Arrays):
         """Arrays of a layout; none is made before it is asked for."""
         self.layout, self.arrays = layout, dict[str, FloatArray]()
 
-    def entry(self, array: str, place: int) -> FloatArray:
-        """A view of the entry at a place of an array, on the whole grid; writing to it writes to the array."""
-        found: FloatArray = self.whole(array).reshape(-1, *self.layout.entry_shape(array))[place]
+    def entry(self, array: str, position: int) -> FloatArray:
+        """A view of the entry at a position of an array, on the whole grid; writing to it writes to the array."""
+        found: FloatArray = self.whole(array).reshape(-1, *self.layout.entry_shape(array))[position]
         return found
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """Views of the slab's place in the arrays where there is one slab; else new zeros."""
+        """Views of the arrays, where the slab lies in them, if there is one slab; else new zeros."""
         one = self.layout.slabs == 1
-        return [self.entry(array, slab.place) for array in slab.arrays] if one else super().buffers(slab)
+        return [self.entry(array, slab.position) for array in slab.arrays] if one else super().buffers(slab)
 
     def there(self, slab: Slab) -> bool:
         """Whether a slab is finished already: always False, as nothing in memory outlasts a solve."""
         return False
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Put `values`, the arrays of a slab as `buffers` returns them, to their place; returns "".
+        """Copy `values`, the arrays of a slab as `buffers` returns them, to where the slab lies; returns "".
 
         Views of that place are not copied; an array of the shape of a whole one replaces that.
         """
@@ -286,7 +286,7 @@ class Memory(Arrays):
                 self.arrays[array] = one  # to copy all avoid tubes would take as long as a game
                 continue
             runs = self.layout.runs(array, slab.number)
-            part = self.entry(array, slab.place)[index_of(runs)]
+            part = self.entry(array, slab.position)[index_of(runs)]
             if not np.may_share_memory(part, one):
                 part[...] = one
         return ""
@@ -361,15 +361,15 @@ class Store(Arrays):
                 raise ValueError("it is cut short")
         return begin, shape
 
-    def entry(self, array: str, place: int) -> FloatArray:
-        """The entry at a place of an array on disk, mapped: writing to it would not reach the file.
+    def entry(self, array: str, position: int) -> FloatArray:
+        """The entry at a position of an array on disk, mapped: writing to it would not reach the file.
 
         -inf, in memory, for avoid tubes on no axes. The type is a plain array.
         """
         block, kind = self.layout.entry_shape(array), self.layout.dtype_of(array)
         if not self.layout.axes(array):
             return np.full(block, -np.inf, kind)
-        begin = self.begins[array] + place * math.prod(block) * kind.itemsize
+        begin = self.begins[array] + position * math.prod(block) * kind.itemsize
         return np.asarray(np.memmap(self.file(array), kind, "c", begin, block))
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
@@ -392,7 +392,7 @@ class Store(Arrays):
         block = self.layout.entry_shape(array)
         runs = [*((0, n) for n in self.layout.leading_shape(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
-        first = slab.place * math.prod(block) + runs[cut][0] * math.prod(block[cut + 1 :])
+        first = slab.position * math.prod(block) + runs[cut][0] * math.prod(block[cut + 1 :])
         for number, row in enumerate(np.ascontiguousarray(values).reshape(math.prod(block[:cut]), -1)):
             yield self.begins[array] + (first + number * math.prod(block[cut:])) * row.itemsize, row
 
@@ -429,17 +429,17 @@ class Store(Arrays):
     def enter(self, slab: Slab, digest: str) -> None:
         """Add a line for a finished slab to the ledger, flush it to the disk, and add it to `entered`.
 
-        The line begins with a line break, as the one before may have been cut short. OSError, with what to do.
+        A line break comes first, as the line before may have been cut short. OSError, with what to do.
         """
         with self._writing(), open(self.path / "ledger", "ab") as stream:
-            stream.write(f"\n{slab.array} {slab.place} {slab.number} {digest}\n".encode())
+            stream.write(f"\n{slab.array} {slab.position} {slab.number} {digest}\n".encode())
             stream.flush()
             os.fsync(stream.fileno())
         self.entered[slab] = digest
 
     def digest(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """SHA-256, in hexadecimal, of the seal, the slab's array, place and number, and its values."""
-        found = hashlib.sha256(f"{self.seal} {slab.array} {slab.place} {slab.number}\n".encode())
+        """SHA-256, in hexadecimal, of the seal, the slab's array, position and number, and its values."""
+        found = hashlib.sha256(f"{self.seal} {slab.array} {slab.position} {slab.number}\n".encode())
         for one in values:
             found.update(np.ascontiguousarray(one).reshape(-1).data)
         return found.hexdigest()
@@ -455,12 +455,12 @@ class Store(Arrays):
                 "solve with resume=True, which makes them anew"
             )
         for slab in slabs:
-            found = [self.read(array, slab.place, self.layout.runs(array, slab.number)) for array in slab.arrays]
+            found = [self.read(array, slab.position, self.layout.runs(array, slab.number)) for array in slab.arrays]
             if self.digest(slab, found) != self.entered[slab]:
                 line = " ".join(map(str, slab))
                 raise TableFileError(
                     f"{self.file(slab.array)} is damaged, or parts of it are not what was written there: place "
-                    f"{slab.place}, slab {slab.number}; delete the line that begins {line!r} from "
+                    f"{slab.position}, slab {slab.number}; delete the line that begins {line!r} from "
                     f"{self.path / 'ledger'} and solve with resume=True, which makes it anew"
                 )
 
