@@ -100,10 +100,10 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), self._info()
 
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """Simulate one interval with the input of index `action` against the adversary.
+        """Simulate one interval with the input of index `action` against the adversary; after `reset`.
 
-        Returns observation, reward, whether the run terminated, whether it was truncated, and `info`. ValueError if
-        `action` is not an index into problem.inputs, or the run is over.
+        Returns the observation (ndim + 1,), the reward, whether the run terminated, whether it was truncated, and
+        `info`. ValueError if `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")

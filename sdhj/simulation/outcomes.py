@@ -35,8 +35,12 @@ def play_interval(
     """Simulate M runs over some substeps of an interval.
 
     Returns the states at the end (M, ndim), outcomes (M,) int and the last disturbances (M, D). An outcome is
-    `COLLIDED`, `OFF`, without a target `REACHED` past a safe end, or `UNDECIDED`. Runs that are decided are still
-    simulated, and their states change, until all are decided or the substeps are over.
+    `COLLIDED`, `OFF`, without a target `REACHED` past a safe end, or `UNDECIDED`; where several apply, the first of
+    these. Runs that are decided are still simulated, and their states change, until all are decided or the substeps are
+    over.
+
+    Collisions are looked for after each substep, of sets that something may pass through in a substep also on the way
+    (`_least_between`); at the start of an interval only of sets that are unsafe under some inputs alone.
 
     begun : the moment before the first of `substeps`; the adversary is given read-only arrays.
     play : the adversary.

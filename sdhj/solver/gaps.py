@@ -86,9 +86,10 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     """The gaps at a step along the axes that inputs move the target along, by the axis; {} if tubes are one piece.
 
-    From random states in the middle of the target, for neighbouring displacements of the inputs: how far these are
-    apart, less what the target reaches between them and what the disturbance pushes. {} also where such gaps are found
-    at less than a share `RARE` of the states. An axis that inputs move along without a gap has inf.
+    They are found from random states in the middle of the target, for neighbouring displacements of the inputs: how far
+    these are apart, less what the target reaches between them and what the disturbance pushes. Of an axis the least
+    push and a small width (the quantile `RARE`) are given; inf where inputs move along it without a gap. {} also where
+    gaps are found at less than a share `RARE` of the states, or the target has no node.
     """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)

@@ -332,8 +332,10 @@ LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """The finding that a wall or a dot is too thin for finite differences at time t, with how many nodes would do.
 
-    A wall is thin at three nodes along it or more, also aslant; a dot is thin along all axes. None where there is
-    neither, where velocities do not depend on the state, or with sampling="steep".
+    Thin along an axis is what `_thickness` finds, unless something that is not thin lies within two nodes. A wall is
+    thin across at three nodes along it or more, and may lie aslant; a dot is thin along all axes. The number in the
+    finding is the least thickness, in cells, at the thinnest such node. None where there is neither, where velocities
+    do not depend on the state, or with sampling="steep".
     """
     if problem.dynamics.stateless or unsafe_set.sampling == "steep":
         return None
