@@ -79,7 +79,8 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
     Raises
     ------
     ValueError
-        If a subspace does not consist of distinct axes of the grid, or occurs twice.
+        If there is none, if one does not consist of distinct axes of the grid or occurs twice, or, for None, if the
+        grid has one axis.
     """
     if subspaces is None:
         return default_subspaces(problem)

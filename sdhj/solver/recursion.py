@@ -345,7 +345,8 @@ class InputRows:
 def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
     """The avoid tubes of a task's slab as `InputRows`, and the position of the task's step in their moving tubes.
 
-    In a solve with one slab, `InputRows` of all steps are made once and kept in `plan.kept`. In a solve with several,
+    In a solve with one slab, `InputRows` of all steps are made once and kept in `plan.kept`; for joint games, whose
+    reach sets avoid everything already, without avoid tubes, unless the grid has unsafe ends. In a solve with several,
     those of this slab and step are read from `arrays` for each task, and the position is 0.
     """
     layout, problem = plan.layout, plan.problem

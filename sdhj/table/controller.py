@@ -527,8 +527,9 @@ class Controller:
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
         """(k, late, missed): the sampling time k nearest to a time, s, how much later `time` is, and a missed deadline.
 
-        A deadline was missed if `late` is more than the jitter either way, or if the last answer of `step` was not for
-        k - 1. ValueError where k is none of the table's, or has been answered.
+        k = 0 begins a new loop. A deadline was missed if `late` is more than the jitter either way, or if the last
+        answer of `step` was not for k - 1. ValueError where k is none of the table's, or has been answered in this
+        loop.
         """
         problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
