@@ -262,7 +262,7 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe itself; ValueError if its builder or the names of its arguments are not those of this version."""
+    """The recipe, unchanged; ValueError if its builder or the names of its arguments are not those of this version."""
     builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
     if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(

@@ -49,6 +49,17 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         third of a cell; if False, every action is applied as it is. With a certified table what it lets pass is proved,
         else it is right up to the error of the grid.
 
+    Attributes
+    ----------
+    controller : Controller
+        Of the table, whose filter is used.
+    now : int
+        The step of the run.
+    outcome : str
+        As in `info`; not "" before the first `reset`.
+    runs : Runs
+        The run, a batch of one; made by `reset`.
+
     Raises
     ------
     ValueError

@@ -95,6 +95,15 @@ class CostToGo:
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        That of the table.
+    name : str
+        The cost's name, as in errors.
+    all_left : bool
+        True: a controller asks this rule of all inputs after which the target can still be reached by the last step.
+
     Raises
     ------
     ValueError

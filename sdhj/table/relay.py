@@ -12,6 +12,11 @@ class Relay:
     Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
     the target of the problem of `second` (`TargetSet.from_table`). Each state is judged by itself: with `Sensing` that
     needs tables of memory=False.
+
+    Attributes
+    ----------
+    controllers : tuple of Controller
+        As given.
     """
 
     def __init__(self, *controllers: Controller) -> None:
