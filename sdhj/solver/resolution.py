@@ -71,7 +71,7 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
         tell(found or _nowhere(problem, unsafe_set))
 
 
-def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
+def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
     Of the first axis along which an interval costs 2 E, and 2 E is at least half of the range of velocities under all
@@ -99,13 +99,13 @@ def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of what does not fit together where a periodic axis closes, and of a `Sensing` with too large an error.
 
     That is of unsafe sets and targets that are cut off there (`_cut_off`), of velocities that jump there
-    (`_turning_over`), and of errors that cost more than inputs change (`_losing_to_error`): one warning of each set,
+    (`_turning_over`), and of errors that cost more than inputs change (`losing_to_error`): one warning of each set,
     one of velocities.
     """
     for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
-    tell(_losing_to_error(problem))
+    tell(losing_to_error(problem))
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
