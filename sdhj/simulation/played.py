@@ -283,7 +283,9 @@ def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
 def _emptied(table: Table, share: float) -> Finding:
     """The finding on a tube that holds next to nothing, a `share` of the state space: a likely cause, and what helps.
 
-    The cause is looked for at `EMPTIED_STATES` random states (of seed 0), by the avoid tubes of step 0 and `_leads_in`.
+    Causes are looked for in this order: projections, inputs that do not stay clear for one interval, errors of a
+    `Sensing` that cost more than inputs change, and inputs that make no progress; at `EMPTIED_STATES` random states (of
+    seed 0), by the avoid tubes of step 0 and `_leads_in`.
     """
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
