@@ -91,8 +91,7 @@ class Slab(NamedTuple):
 class Shapes:
     """The shapes of a table's arrays, and how they are cut into slabs along one axis of the grid.
 
-    The arrays are called "tubes", "marks", "avoid_static" and "avoid_moving" (`NAMES`); other names are taken for avoid
-    tubes on all axes.
+    Arrays are named by "tubes", "marks", "avoid_static" and "avoid_moving" (`NAMES`).
 
     Attributes
     ----------
