@@ -502,10 +502,18 @@ class VectorField:
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
         """Half-widths of the box of disturbances under input j at time t, (D,); ValueError where one is below 0."""
+        if not self.bounds.timed and j in self._still_bounds:
+            return self._still_bounds[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
-        return bounds
+        self._still_bounds[j] = bounds
+        return bounds.copy()
+
+    @cached_property
+    def _still_bounds(self) -> dict[int, FloatArray]:
+        """The half-widths that `bounds_at` has found, by the input, of use where they do not depend on time."""
+        return {}
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:

@@ -1,10 +1,11 @@
 """Level-set functions at the nodes of a grid: sampled and checked, closed on their boundary, or bounded by cell."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.grid import Grid, Window
 from sdhj.problem.sets import LARGEST, STEEP
 
@@ -73,9 +74,15 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
     What counts as rounding is relative to it, so that neither the unit nor the cut of the grid makes a difference. 1
     where all values are 0 or undefined.
     """
-    ends = [whole.nodes(axis)[[0, -1]] for whole in [getattr(grid, "whole", grid)] for axis in range(grid.ndim)]
-    corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
+    corners = _corners(getattr(grid, "whole", grid))
     return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
+
+
+@lru_cache(maxsize=16)
+def _corners(grid: Grid) -> FloatArray:
+    """The corners of a grid, (2^ndim, ndim)."""
+    ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
+    return read_only(np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1))
 
 
 def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:

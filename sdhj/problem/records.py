@@ -337,6 +337,8 @@ def _flow(
         return interval.undisturbed(q, inputs, now) + pushed
 
     gain, h = (states.shape[1], v.shape[1]), spans / STRIDES
+    if interval.dynamics.constant:  # along a straight line
+        return states + spans * velocity(states, 0.0)
     for stride in range(STRIDES):
         first = velocity(states, stride)
         second = velocity(states + h / 2 * first, stride + 0.5)

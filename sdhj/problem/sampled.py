@@ -157,7 +157,9 @@ class Sampled(Statement):
                 if jitter and unsafe_set.moving
                 else self.unsafe_at(unsafe_set, t)
             )
-            values = np.maximum(values, -grid.lift(g, unsafe_set.axes))
+            outside = -grid.lift(g, unsafe_set.axes)
+            fits = outside.shape == np.broadcast_shapes(values.shape, outside.shape)
+            values = np.maximum(values, outside, out=outside if fits else None)  # fresh memory takes ten times as long
         if self.has_no_target:
             values = np.maximum(values, -grid.to_ends("fails"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))

@@ -71,7 +71,8 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        if (turns := _fastest(problem, axis) * problem.delta / turn) > 1:
+        speeds = problem.remembered("speeds at some states", partial(_fastest, problem))
+        if (turns := float(speeds[axis]) * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
                 turns,
@@ -79,13 +80,12 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             )
 
 
-def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
-    """The greatest speed along an axis at `_states`, under any input, the adversary at the upper vertex of its box; in
-    the axis's unit per second.
+def _fastest(problem: ReachAvoidProblem) -> FloatArray:
+    """The greatest speed along each axis at `_states`, or at one where all are alike, under any input, the adversary
+    at the upper vertex of its box; (ndim,), in the axes' units per second.
     """
-    states = _states(problem)
-    found = [np.abs(function(states)[:, axis]).max() for function in _velocities(problem)]
-    return float(np.max(found))
+    states = _states(problem)[: 1 if problem.dynamics.stateless else None]
+    return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
@@ -101,9 +101,10 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
+    together = np.concatenate([states, further, elsewhere])
     for function in _functions(problem, axis):
         try:
-            here, there, other = function(states), function(further), function(elsewhere)
+            here, there, other = np.split(function(together), 3)
         except (ValueError, ArithmeticError):  # undefined a turn on
             return False
         scale = 1.0 + np.abs(here)
@@ -120,10 +121,11 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the `_velocities`, and the level-set functions of the sets that have this axis: each of states (M, ndim),
-    with values (M, ndim) or (M,).
+    """Yield the `_velocities`, if they read this axis, and the level-set functions of the sets that have it: each of
+    states (M, ndim), with values (M, ndim) or (M,).
     """
-    yield from _velocities(problem)
+    if problem.dynamics.reads[:, axis].any():
+        yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
             yield partial(_level, problem, part)

@@ -38,7 +38,6 @@ from sdhj.problem.checks import Options
 from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.problem.uncertain import shrunk
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
@@ -250,9 +249,13 @@ class ProjectedGames:
 class ProjectedSets(GridSets):
     """`GridSets` of method "projected", whose table also says how much the projections lose.
 
+    The entries (k, 0) are written when the sets are made.
+
     Attributes
     ----------
     games : ProjectedGames
+    goals : dict
+        By the step k, the position in the table's tubes at which the entry (k, 0) was written.
     lost : dict
         What `_lost` returns, found when the sets are made.
     """
@@ -262,8 +265,18 @@ class ProjectedSets(GridSets):
     def __init__(self, *given: Any) -> None:
         """Make the `GridSets`, find how much the projections lose (`lost`), and warn where nothing is left."""
         super().__init__(*given)
+        self.goals: dict[int, int] = {}
         self.lost = self._lost()
         tell(*self.empty())
+
+    def goal(self, step: int) -> None:
+        """Write the entry (step, 0), by copying the tube that `_lost` has written to its position.
+
+        Nothing is done if that is its position still; where tubes before it are shared, it has moved up.
+        """
+        place = self.table.tube_index(step, 0)
+        if place != self.goals[step]:
+            self.table.tubes[place] = self.table.tubes[self.goals[step]]
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table of `GridSets`, with `lost` and the sentences of all warnings in details["projection"].
@@ -278,7 +291,9 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion; after the avoid games, which fill in `games.free`.
+        """How much the projections lose, before the recursion; plays no game. Writes the entries (k, 0) and `goals`.
+
+        The avoid games have been played before, and have filled in `games.free`.
 
         Returns
         -------
@@ -296,7 +311,10 @@ class ProjectedSets(GridSets):
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
         kept = [0.0] * len(games.subspaces)
-        for goal in (shrunk(problem, problem.goal(k)).astype(games.dtype, copy=False) for k in starts):
+        for k in starts:
+            super().goal(k)
+            self.goals[k] = self.table.tube_index(k, 0)
+            goal = self.table.value_array(k, 0)
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 

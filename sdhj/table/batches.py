@@ -143,7 +143,7 @@ class Table:
         """Position of the game's value in `tubes`, for a table on a grid that stays clear for ever; else -1."""
         return -1
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """N, the number of steps; of a problem with steps=None as many as its table has."""
         return self.problem.most_steps
