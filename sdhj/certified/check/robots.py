@@ -50,6 +50,7 @@ from sdhj.certified.check.reading import (
     reals,
     sizes,
 )
+from sdhj.certified.check.windows import AtOnce, worth_while
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -125,6 +126,9 @@ class Robot(Sets):
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
         self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
+        axes = [part.axes for part in self.unsafe]
+        many = worth_while(self.counts.tolist(), self.known.tolist(), self.count, axes)
+        self.at_once = AtOnce(self) if many else None
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
@@ -544,10 +548,15 @@ class Robot(Sets):
 
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
         """Ends of tubes along an axis, from its cell at each place, or from every cell there is: (places, 1 or n)."""
-        cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
-        near = 2 * self.near[axis]
-        edges = self.edges[axis]
+        if not self.known[axis]:
+            return self.carried(axis, tube[:, :, axis])
+        cells, near, edges = self.cells_at(places)[:, axis, None], 2 * self.near[axis], self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
+
+    def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
+        """Ends of tubes (M, 2) along an axis on which no place is, from each of its cells: both (M, cells)."""
+        edges, near = self.edges[axis], 2 * self.near[axis]
+        return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near  # check 4.68
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
         """`clear_holds` of the cells of these numbers (M,), so many at a time that memory is bounded."""
@@ -622,6 +631,8 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
+        if self.at_once is not None and self.at_once.leads() and numbers.size * FEW >= following.size:
+            return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
@@ -707,19 +718,26 @@ class Robot(Sets):
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Moves of some cells (M,), and every input that is clear from them."""
-        at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
-        places = np.unique(at)
+        at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
+        if all_places > 1:
+            at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
+        (some := np.zeros(all_places, np.bool_))[at] = True
+        places = np.flatnonzero(some)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
         looks = len(self.clear) if starts == 1 else 1
+        at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
+            if at_once is not None and group[0] == 0:
+                at_once.look_at(start, FINER[0])  # check 4.73
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):
-                flags = (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1
-                open_[j][step] = np.flatnonzero(flags[numbers])
-                made, checked = made + int(flags.sum()), checked + open_[j][step].size
+                flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
+                own = flags if numbers.size == flags.size else flags[numbers]
+                made, checked = made + np.count_nonzero(flags), checked + np.count_nonzero(own)
+                open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)
             for j in group:
@@ -760,7 +778,7 @@ class Robot(Sets):
                 box = self.boxes(places[own])
                 # check 3.68
                 held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer)
-        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
+        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
             own = slice(begin, end)
             looked_at, ways = places[own], swept[own]
@@ -799,7 +817,8 @@ class Robot(Sets):
             if not within:
                 good = by_slabs(partial(self.goals_hold, step=step), numbers)
             else:
-                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
+                following = self.bits(step + 1, within - 1)  # check 3.46
+                good = self.steps_hold(numbers, step, following)
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
         yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():
