@@ -146,8 +146,13 @@ class Robot(Sets):
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
         swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 50)
-        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        if worth_while(counts, flags, inputs, [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]):
+            # of each input what is packed of cells, and of some boxes; of sets, too
+            alike = places == 1 and "normals" not in head["proof"]
+            of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            return sizes(arrays) + max(cells * 5 + chosen * 16 + cells // 4 * inputs, of_a_set) + swept
+        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
@@ -556,7 +561,7 @@ class Robot(Sets):
     def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
         """Ends of tubes (M, 2) along an axis on which no place is, from each of its cells: both (M, cells)."""
         edges, near = self.edges[axis], 2 * self.near[axis]
-        return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near  # check 4.68
+        return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
         """`clear_holds` of the cells of these numbers (M,), so many at a time that memory is bounded."""
@@ -631,7 +636,7 @@ class Robot(Sets):
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
-        if self.at_once is not None and self.at_once.leads() and numbers.size * FEW >= following.size:
+        if self.at_once is not None and self.at_once.leads():
             return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
@@ -730,7 +735,7 @@ class Robot(Sets):
         at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
             if at_once is not None and group[0] == 0:
-                at_once.look_at(start, FINER[0])  # check 4.73
+                at_once.look_at(start, FINER[0])
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):

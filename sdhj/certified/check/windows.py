@@ -109,17 +109,17 @@ class AtOnce:
         for number, part in enumerate(self.robot.unsafe):
             if part.counts(j):  # check 4.69
                 left &= ~self.of_all_cells(self.met_by(number, step)[j], part.axes)
-        return np.flatnonzero(flags & ~left.ravel())
+        return np.flatnonzero(flags & ~left.ravel())  # check 4.73
 
     def past_ends(self, j: int) -> Array:
         """From which cells a tube of u_j may get past an unsafe end: flags of all cells, to be broadcast."""
         robot, places = self.robot, np.arange(self.places)
         out, own = np.zeros([1] * len(self.shape), np.bool_), self.tubes[j * self.places : (j + 1) * self.places]
-        whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)
+        whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)  # check 4.76
         for axis in np.flatnonzero(~robot.periodic & (np.array(robot.grid.ends) == "unsafe").any(axis=1)).tolist():
             low, high = robot.along(axis, places, whole)
-            beyond = (low < robot.grid.lower[axis]) & (robot.grid.ends[axis][0] == "unsafe")
-            beyond |= (high > robot.grid.upper[axis]) & (robot.grid.ends[axis][1] == "unsafe")
+            beyond = (low < robot.grid.lower[axis]) & (robot.grid.ends[axis][0] == "unsafe")  # check 4.74
+            beyond |= (high > robot.grid.upper[axis]) & (robot.grid.ends[axis][1] == "unsafe")  # check 4.75
             out = out | self.of_all_cells(packed(beyond), [] if robot.known[axis] else [axis])
         return out
 
@@ -144,11 +144,12 @@ class AtOnce:
     def boxes_of(self, part: Any, step: int) -> tuple[Lattice, list[Array]]:
         """A lattice, and which of its boxes may meet an unsafe set, packed, in each part of an interval or always."""
         robot, own = self.robot, list(part.axes)
-        low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)
+        low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.78
         alike = np.maximum(np.ptp(low, axis=0), np.ptp(high, axis=0)) <= robot.near[own]
         times = list(pairwise(robot.cuts(step))) if part.moving else [robot.always]
         pieces = pieces_united(robot.counts[own].tolist(), alike, len(robot.clear) * len(times) if part.moving else 1)
-        edges, outermost = [robot.edges[axis] for axis in own], np.stack([low.min(axis=0), high.max(axis=0)])
+        edges = [robot.edges[axis] for axis in own]
+        outermost = np.stack([low.min(axis=0), high.max(axis=0)])  # check 4.68
         boxes = Lattice(edges, pieces, robot.periodic[own], robot.near[own], robot.sway[own], alike, outermost)
         when = [(a - robot.jitter, b + robot.jitter) if part.moving else (a, b) for a, b in times]  # check 4.72
         signs = [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
@@ -179,22 +180,22 @@ class AtOnce:
         at = min(step, len(robot.clear) - 1)
         if self.kept[0] != at:
             flags = (((robot.clear[at, :, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(robot.count))
-            self.kept = at, [*map(packed, flags)]  # check 3.86
+            self.kept = at, [*map(packed, flags)]  # check 3.90
         clear, out = self.kept[1], np.zeros_like(self.kept[1][0])
         windows = []
         for axis, n in enumerate(self.shape):
             first, last = (np.arange(n) + moves[start, :, 0, axis, None] for moves in (robot.low, robot.high))
             whole = (last - first > most[axis]) if robot.periodic[axis] else first > last
             if not robot.periodic[axis]:
-                first, last = np.clip(first, 0, most[axis]), np.clip(last, 0, most[axis])  # check 3.87
+                first, last = np.clip(first, 0, most[axis]), np.clip(last, 0, most[axis])  # check 3.91
             windows.append(each_once(np.where(whole, 0, first), np.where(whole, most[axis], last)))
         missing = packed(~following.reshape(self.shape))
         for alike, left in united(missing, self.shape, windows, np.arange(robot.count)):
             for j in alike:
-                out |= clear[j] & ~left  # check 3.88
+                out |= clear[j] & ~left  # check 3.92
         for j in range(robot.count if len(robot.arrives) else 0):
-            marks = (robot.arrives[min(step, len(robot.arrives) - 1), :, j // 8] >> np.uint8(j % 8)) & 1  # check 3.89
+            marks = (robot.arrives[min(step, len(robot.arrives) - 1), :, j // 8] >> np.uint8(j % 8)) & 1  # check 3.93
             sites = [n if stride else 1 for n, stride in zip(self.shape, robot.sites.tolist(), strict=True)]
             own = np.broadcast_to(marks.reshape(sites), (*sites[:-1], self.shape[-1]))
-            out |= clear[j] & packed(own)
+            out |= clear[j] & packed(own)  # check 3.94
         return unpacked(out, self.shape[-1]).ravel()
