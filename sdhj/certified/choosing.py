@@ -42,6 +42,7 @@ from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
+from sdhj.certified.word_tubes import in_words, pieces_of
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
@@ -74,6 +75,7 @@ CORES = 1.6  # that two are worth
 AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
+WORD, IN_WORDS = 3e-9, 1e-9  # for an input and 64 cells where these are looked at together, and for a cell of an entry
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
@@ -386,7 +388,14 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         """Of how many cells an input's tubes are looked at, for what depends on some axes."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
+    words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     for unsafe_set in problem.unsafe:
+        if in_words(problem, depends, unsafe_set.axes):
+            spans = times * parts if unsafe_set.moving else 1
+            own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
+            boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
+            first += BOXED * boxes * _operations(unsafe_set.level_set) + WORD * words * count * parts * starts
+            continue
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
@@ -396,8 +405,16 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
+    if in_words(problem, depends, range(ndim)):
+        return first, entries * (WORD * words * count + IN_WORDS * cells)
     image = float(image) if depends[-1] else 0.0  # else words are asked for
     return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])
+
+
+def _moved_alike(speeds: Speeds) -> list[int]:
+    """The axes with one velocity that all inputs move alike."""
+    ways = speeds.ways
+    return [] if ways is None else [axis for axis, scale in zip(ways.axes, ways.scales, strict=True) if not scale]
 
 
 def _operations(function: Any) -> int:

@@ -34,12 +34,14 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, sees_walls, unknown
 from sdhj.certified.oblique import Lines, no_lines
+from sdhj.certified.word_tubes import Lattice, far_beyond, in_words, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
 from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, grow, has_lines, reached_words
+from sdhj.kernels.windows import add_led
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import STRIDES, threads
@@ -325,6 +327,11 @@ class Images(Proof):
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
     ) -> None:
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
+        every = range(len(self.axes))
+        boxes_alone = not len(self.moves(step).lines) and groups == 1 and clear.size > 0
+        if boxes_alone and in_words(self.problem, self.strides > 0, every):
+            self._add_alike(cells, following, step, clear)
+            return
         near = np.full(cells.shape, changed is None)
         if changed is not None:
             scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
@@ -332,6 +339,18 @@ class Images(Proof):
                 *changed, self.farthest_moves[min(step, len(self.farthest_moves) - 1)], self.cells, near, *scratch
             )
         grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
+
+    def _add_alike(self, cells: FloatArray, following: FloatArray, step: int, clear: FloatArray) -> None:
+        """`add_predecessors` where all cells move alike: what an image may miss is united as what a tube may meet."""
+        moves, axes, ones = self.moves(step), self.axes, np.ones(len(self.axes), np.int64)
+        first, last = (one[:, 0].astype(np.int64) for one in (moves.low, moves.high))
+        lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
+        out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
+        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
+        led, wanted = np.zeros_like(cells), cells if self.shrinks else ~cells
+        for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
+            add_led(missing.reshape(cells.shape), clear, inputs, wanted, led, count)  # obligation 3.30
+        cells[:] = led if self.shrinks else cells | led
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:
         """`following`, with what images may hold before and behind it on the last axis if all cells there are alike."""

@@ -68,6 +68,27 @@ def mark_met(clear, begin, offset, met, count):
 
 
 @kernel(parallel=True)
+def add_led(missing, clear, inputs, wanted, led, count):
+    """Set the bits of wanted cells that have none in `missing` and from which one of some inputs is clear.
+
+    missing, wanted, led (rows, W) uint64, `led` modified in place; clear (cells, bytes) uint8; inputs (n,); count :
+    cells of a row.
+    """
+    rows, words = led.shape
+    for row in prange(rows):
+        for word in range(words):
+            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
+            for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
+                if (some >> np.uint64(bit & 63)) & BIT == 0:
+                    continue
+                number = np.int64(row) * count + bit
+                for j in inputs:
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:
+                        led[row, word] |= BIT << np.uint64(bit & 63)
+                        break
+
+
+@kernel(parallel=True)
 def with_beyond(planes, count, far, periodic, out):
     """Planes (A, fine, W) with what is so `far`, in bits, before and behind their `count` bits: out (A, fine, more).
 

@@ -144,12 +144,12 @@ class AtOnce:
     def boxes_of(self, part: Any, step: int) -> tuple[Lattice, list[Array]]:
         """A lattice, and which of its boxes may meet an unsafe set, packed, in each part of an interval or always."""
         robot, own = self.robot, list(part.axes)
-        low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.78
+        low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.68
         alike = np.maximum(np.ptp(low, axis=0), np.ptp(high, axis=0)) <= robot.near[own]
         times = list(pairwise(robot.cuts(step))) if part.moving else [robot.always]
         pieces = pieces_united(robot.counts[own].tolist(), alike, len(robot.clear) * len(times) if part.moving else 1)
         edges = [robot.edges[axis] for axis in own]
-        outermost = np.stack([low.min(axis=0), high.max(axis=0)])  # check 4.68
+        outermost = np.stack([low.min(axis=0), high.max(axis=0)])
         boxes = Lattice(edges, pieces, robot.periodic[own], robot.near[own], robot.sway[own], alike, outermost)
         when = [(a - robot.jitter, b + robot.jitter) if part.moving else (a, b) for a, b in times]  # check 4.72
         signs = [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
@@ -180,7 +180,7 @@ class AtOnce:
         at = min(step, len(robot.clear) - 1)
         if self.kept[0] != at:
             flags = (((robot.clear[at, :, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(robot.count))
-            self.kept = at, [*map(packed, flags)]  # check 3.90
+            self.kept = at, [*map(packed, flags)]
         clear, out = self.kept[1], np.zeros_like(self.kept[1][0])
         windows = []
         for axis, n in enumerate(self.shape):
@@ -197,5 +197,5 @@ class AtOnce:
             marks = (robot.arrives[min(step, len(robot.arrives) - 1), :, j // 8] >> np.uint8(j % 8)) & 1  # check 3.93
             sites = [n if stride else 1 for n, stride in zip(self.shape, robot.sites.tolist(), strict=True)]
             own = np.broadcast_to(marks.reshape(sites), (*sites[:-1], self.shape[-1]))
-            out |= clear[j] & packed(own)  # check 3.94
+            out |= clear[j] & packed(own)  # check 3.90
         return unpacked(out, self.shape[-1]).ravel()

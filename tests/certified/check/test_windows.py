@@ -2,9 +2,13 @@
 
 import dataclasses
 import itertools
+import sys
 
+import mutations
 import numpy as np
 import pytest
+from forged_robots import put, sets_of
+from forging import forged
 
 import sdhj
 from sdhj.certified.check import verify, windows
@@ -54,9 +58,9 @@ def turning():
 
 
 CASES = {
-    "all alike": (pursued, (8, 16, 24)),
-    "moving": (lambda: pursued(moving=True), (8, 16, 24)),
-    "by heading": (turning, (12, 6, 12, 16)),
+    "all alike": (pursued, (6, 16, 12)),
+    "moving": (lambda: pursued(moving=True), (5, 8, 12)),
+    "by heading": (turning, (8, 5, 8, 12)),
 }
 
 
@@ -158,9 +162,56 @@ def test_cells_are_led_at_once_as_one_by_one(name, robots, monkeypatch):
         assert np.array_equal(found, one_by_one) and 0 < found.sum() < found.size
 
 
+def overstated(path, to):
+    """A copy of a file in which inputs are clear and arrive anywhere, and sets have more cells."""
+    rng = np.random.default_rng(0)
+    to.write_bytes(path.read_bytes())
+    with forged(to, named=True) as (told, arrays):
+        marks = {name: rng.integers(0, 256, arrays[name].shape, np.uint8) for name in ("clear", "arrives")}
+        put(arrays, clear=marks["clear"], arrives=marks["arrives"] & (rng.random(marks["arrives"].shape) < 0.2) * np.uint8(255))
+        with sets_of(told, arrays) as sets:
+            more = rng.random(sets.shape[1:])
+            for own, share in zip(sets, np.linspace(0.5, 1.0, len(sets)), strict=True):
+                own |= more < share
+    return to
+
+
 @pytest.mark.parametrize("name", CASES)
-def test_it_proves_as_much_as_one_by_one(name, robots, monkeypatch):
-    said = [str(verify(robots(name), progress=False))]
+def test_it_proves_as_much_as_one_by_one_and_refuses_as_much(name, robots, tmp_path, monkeypatch):
+    paths = robots(name), overstated(robots(name), tmp_path / "forged.h5")
+    one_by_one = [str(verify(path, progress=False)) for path in paths]
     monkeypatch.setattr(windows, "LEAST_CELLS", 1)
-    said.append(str(verify(robots(name), progress=False)))
-    assert said[0] == said[1] and "NOT" not in said[0]
+    assert one_by_one == [str(verify(path, progress=False)) for path in paths]
+    assert "NOT" not in one_by_one[0] and one_by_one[1].count("NOT") == 4
+
+
+MUTATIONS = {  # a change of what is marked `# check`, and the case that is then judged otherwise
+    "all of tubes that are alike": ("4.67 zero 9", "all alike"),
+    "sets of an input": ("4.69 put 1 False", "all alike"),
+    "a part of a tube": ("4.70 put 11 0; put 12 1", "moving"),
+    "all parts of a tube": ("4.70 put 3 True", "all alike"),
+    "what is met": ("4.71 drop", "all alike"),
+    "what is left open": ("4.73 put 6 {9}.ravel()", "all alike"),
+    "the lower end": ("4.74 false 3", "all alike"),
+    "the upper end": ("4.75 false 3", "all alike"),
+    "how far a tube gets": ("4.76 turn 7; turn 16", "all alike"),
+    "how far tubes get": ("4.68 turn 6; turn 17", "all alike"),
+    "who is clear": ("3.92 drop 3", "all alike"),
+    "images that leave the set": ("3.92 drop 6", "all alike"),
+    "images at the ends": ("3.91 put 4 ({8}, {16})", "all alike"),
+    "who arrives": ("3.93 drop 27", "all alike"),
+    "who arrives and is clear": ("3.90 drop 3", "all alike"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_the_check_needs_it(name, robots, tmp_path, monkeypatch):
+    """Without it a file that states too much is judged otherwise."""
+    change, case = MUTATIONS[name]
+    path = overstated(robots(case), tmp_path / "forged.h5")
+    monkeypatch.setattr(windows, "LEAST_CELLS", 1)
+    right = str(verify(path, progress=False))
+    with mutations.checker(tmp_path, change) as check:
+        sys.modules[f"{check.__module__}.windows"].LEAST_CELLS = 1
+        assert str(check(path, progress=False)) != right
