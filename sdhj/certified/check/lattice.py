@@ -19,7 +19,7 @@ from itertools import product
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array, packed
+from sdhj.certified.check.bits import Array, packed, unpacked
 
 MOST_LATTICE = 1 << 21  # boxes that cells are cut into, at all times together
 MOST_KEPT = 1 << 28  # boxes; for more cells at all times together there is no lattice
@@ -83,10 +83,17 @@ class Lattice:
             self.wider = np.where(self.alike, OUTWARD * tubes + 3 * near, self.wider)  # check 4.67
         self.shape = np.array([own.size - 1 for own in self.edges])
 
-    def united(self, every: Sequence[Holds]) -> Array:
-        """Which boxes may meet a set, packed along the last axis: `met`, so many at a time that memory is bounded."""
-        many = BLOCKS[0] if self.shape.size > 1 else int(self.shape[0])
-        return np.concatenate([packed(self.met(every, at, at + many)) for at in range(0, int(self.shape[0]), many)])
+    def united(self, every: Sequence[Holds], asked: Array | None = None) -> Array:
+        """Which boxes may meet a set, packed along the last axis: `met`, so many at a time that memory is bounded.
+
+        asked : packed, too; what is not is taken to meet it
+        """
+        many, n = BLOCKS[0] if self.shape.size > 1 else int(self.shape[0]), int(self.shape[-1])
+        out = []
+        for at in range(0, int(self.shape[0]), many):
+            some = None if asked is None else unpacked(asked[at : at + many], n)
+            out.append(packed(self.met(every, at, at + many, some)))
+        return np.concatenate(out)
 
     def counted(self, every: Sequence[Holds]) -> Array:
         """How many boxes that may meet a set are before each corner: periodic axes twice over.
@@ -95,11 +102,14 @@ class Lattice:
         """
         return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
 
-    def met(self, every: Sequence[Holds], begin: int, end: int) -> Array:
-        """Which boxes may meet a set, of those from `begin` to `end` along the first axis: bool. See `counted`."""
+    def met(self, every: Sequence[Holds], begin: int, end: int, asked: Array | None = None) -> Array:
+        """Which boxes may meet a set, of those from `begin` to `end` along the first axis: bool. See `counted`.
+
+        asked (boxes) : bool; those that are not count as met
+        """
         some, start = self.shape.copy(), 0 * self.shape
         some[0], start[0] = min(end, int(self.shape[0])) - begin, begin
-        met = np.zeros(some, np.bool_)
+        met = np.zeros(some, np.bool_) if asked is None else ~asked
         for holds in every:
             blocks, larger = np.full(-(-some // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
             for side in BLOCKS:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.certified.check.bits import Array, compiled, packed, unpacked
-from sdhj.certified.check.lattice import Lattice, pieces_united
+from sdhj.certified.check.lattice import Holds, Lattice, pieces_united
 
 LEAST_CELLS = 1 << 16  # that one tube goes along with; with fewer, tubes are looked up one by one
 MOST_TUBES = 1 << 12  # of all inputs and places
@@ -53,16 +53,44 @@ def unite_bits(boxes, first, last, size, out):
                     break
 
 
-def along(boxes: Array, n: int, axis: int, packs: bool, first: Array, last: Array) -> Array:
-    """Boxes united over the window of each cell along an axis of n of them, which may be the packed one."""
+@compiled()
+def reach(cells, first, last, out):
+    """out[a, at % n] |= cells[a, i] for `at` from first[i] to last[i]: cells (A, cells, B), out (A, n, B)."""
+    for a in range(out.shape[0]):
+        for i in range(first.size):
+            own = cells[a, i]
+            for at in range(first[i], last[i] + 1):
+                more = out[a, at % out.shape[1]]
+                for b in range(own.size):
+                    more[b] |= own[b]
+
+
+@compiled()
+def reach_bits(cells, first, last, size, out):
+    """As `reach` along bits, of which a row has so many: cells (A, bytes), out (A, bytes)."""
+    for a in range(out.shape[0]):
+        for i in range(first.size):
+            if (cells[a, i >> 3] >> (i & 7)) & 1:
+                for at in range(first[i], last[i] + 1):
+                    bit = at % size
+                    out[a, bit >> 3] |= np.uint8(1 << (bit & 7))
+
+
+def along(cells: Array, n: int, axis: int, packs: bool, first: Array, last: Array, back: bool = False) -> Array:
+    """Boxes united over the window of each cell along an axis of n of them, which may be the packed one.
+
+    back : the boxes in windows of cells are united instead
+    """
     if first.size == n and (first == np.arange(n)).all() and (first == last).all():
-        return boxes
-    before, after = math.prod(boxes.shape[:axis]), math.prod(boxes.shape[axis + 1 :])
-    out = np.zeros((*boxes.shape[:axis], -(-first.size // 8) if packs else first.size, *boxes.shape[axis + 1 :]), np.uint8)
+        return cells
+    before, after = math.prod(cells.shape[:axis]), math.prod(cells.shape[axis + 1 :])
+    size = n if back else first.size
+    out = np.zeros((*cells.shape[:axis], -(-size // 8) if packs else size, *cells.shape[axis + 1 :]), np.uint8)
     if packs:
-        unite_bits(boxes.reshape(before, -1), first, last, n, out.reshape(before, -1))
+        (reach_bits if back else unite_bits)(cells.reshape(before, -1), first, last, n, out.reshape(before, -1))
     else:
-        unite(boxes.reshape(before, n, after), first, last, out.reshape(before, first.size, after))
+        given = cells.reshape(before, -1, after), first, last, out.reshape(before, size, after)
+        (reach if back else unite)(*given)
     return out
 
 
@@ -79,6 +107,19 @@ def united(boxes: Array, shape: Sequence[int], windows: Sequence[Windows], some:
     for key in np.unique(of[some]):
         found = along(boxes, shape[axis], axis, axis == len(shape) - 1, first[key], last[key])
         yield from united(found, shape, windows[:axis], some[of[some] == key])  # check 4.66
+
+
+def overlapped(cells: Any, shape: Sequence[int], windows: Sequence[Windows], some: Array) -> Array:
+    """Which boxes some tubes (n,) overlap from cells that `cells` says of them, packed: the other way of `united`."""
+    axis = len(windows) - 1
+    if axis < 0:
+        return np.asarray(cells(some))
+    (first, last, of), out = windows[axis], np.empty(0)
+    for key in np.unique(of[some]):
+        own = overlapped(cells, shape, windows[:axis], some[of[some] == key])
+        wide = along(own, shape[axis], axis, axis == len(shape) - 1, first[key], last[key], True)
+        out = out | wide if out.size else wide
+    return out
 
 
 def each_once(first: Array, last: Array) -> Windows:
@@ -130,19 +171,30 @@ class AtOnce:
         if key not in self.met:
             counts = robot.counts[own].tolist()
             met = np.zeros((len(self.tubes), *counts[:-1], -(-counts[-1] // 8)), np.uint8)
-            lattice, every = self.boxes_of(part, step)
-            for piece, boxes in enumerate(every):
+            lattice, every = self.lattice_of(part, step)
+            shape = lattice.shape.tolist()
+            for piece, signs in enumerate(every):
                 # of what stands still boxes are those of the whole interval
                 tubes = self.tubes[:, piece : piece + 1] if part.moving else self.tubes  # check 4.70
                 some = tubes.reshape(-1, 2, tubes.shape[-1])
                 windows = [self.windows(lattice, k, some[:, :, axis], axis) for k, axis in enumerate(own)]
-                for alike, found in united(boxes, lattice.shape.tolist(), windows, np.arange(len(some))):
+                asked = None
+                if len(own) == len(self.shape) and len(robot.clear) == 1:  # of where no input is clear nothing is asked
+                    clear, each = self.clear_in(0), tubes.shape[1]
+
+                    def cells(which: Array, clear: Any = clear, each: int = each) -> Array:
+                        """From which cells one of some tubes has to be clear."""
+                        return np.bitwise_or.reduce([clear[j] for j in np.unique(which // each).tolist()])
+
+                    asked = overlapped(cells, shape, windows, np.arange(len(some)))
+                boxes = lattice.united(signs, asked)
+                for alike, found in united(boxes, shape, windows, np.arange(len(some))):
                     met[np.unique(alike // tubes.shape[1])] |= found  # check 4.71
             self.met[key] = met.reshape(robot.count, self.places, *met.shape[1:])
         return self.met[key]
 
-    def boxes_of(self, part: Any, step: int) -> tuple[Lattice, list[Array]]:
-        """A lattice, and which of its boxes may meet an unsafe set, packed, in each part of an interval or always."""
+    def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[Holds]]]:
+        """A lattice, and what says whether its boxes may meet an unsafe set in each part of an interval, or always."""
         robot, own = self.robot, list(part.axes)
         low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.68
         alike = np.maximum(np.ptp(low, axis=0), np.ptp(high, axis=0)) <= robot.near[own]
@@ -152,8 +204,7 @@ class AtOnce:
         outermost = np.stack([low.min(axis=0), high.max(axis=0)])
         boxes = Lattice(edges, pieces, robot.periodic[own], robot.near[own], robot.sway[own], alike, outermost)
         when = [(a - robot.jitter, b + robot.jitter) if part.moving else (a, b) for a, b in times]  # check 4.72
-        signs = [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
-        return boxes, [*map(boxes.united, signs)]
+        return boxes, [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
 
     def windows(self, lattice: Lattice, k: int, tubes: Array, axis: int) -> Windows:
         """The boxes along an axis, of a lattice its k-th, that tubes (M, 2) overlap from each cell."""
@@ -170,6 +221,14 @@ class AtOnce:
 
     # ---- steps
 
+    def clear_in(self, step: int) -> list[Array]:
+        """From which cells each input is said to be clear in a step, packed."""
+        if self.kept[0] != step:
+            clear = self.robot.clear[step]
+            flags = (((clear[:, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(self.robot.count))
+            self.kept = step, [*map(packed, flags)]
+        return self.kept[1]
+
     def leads(self) -> bool:
         """Whether `led` knows where inputs lead: from all cells alike, into boxes of cells, and past no safe end."""
         return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
@@ -177,11 +236,8 @@ class AtOnce:
     def led(self, step: int, following: Array) -> Array:
         """From which cells a clear input leads into a set alone, `following`, or into the target itself: (cells,)."""
         robot, start, most = self.robot, min(step, len(self.robot.low) - 1), self.robot.counts - 1
-        at = min(step, len(robot.clear) - 1)
-        if self.kept[0] != at:
-            flags = (((robot.clear[at, :, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(robot.count))
-            self.kept = at, [*map(packed, flags)]
-        clear, out = self.kept[1], np.zeros_like(self.kept[1][0])
+        clear = self.clear_in(min(step, len(robot.clear) - 1))
+        out = np.zeros_like(clear[0])
         windows = []
         for axis, n in enumerate(self.shape):
             first, last = (np.arange(n) + moves[start, :, 0, axis, None] for moves in (robot.low, robot.high))

@@ -15,7 +15,7 @@ from sdhj.certified.check import verify, windows
 from sdhj.certified.check.bits import packed, unpacked
 from sdhj.certified.check.lattice import Lattice
 from sdhj.certified.check.robots import Robot
-from sdhj.certified.check.windows import each_once, united
+from sdhj.certified.check.windows import each_once, overlapped, united
 
 WALLS = ["wall", "unsafe", "unsafe"]
 
@@ -86,6 +86,22 @@ def test_what_windows_hold_is_united_as_plain_loops_say(seed):
             assert found[cell] == any(boxes[i % sizes[0], k % sizes[1]] for i, k in itertools.product(*spans))
         seen.append(set(some.tolist()))
     assert set().union(*seen) == set(range(6)) and any({0, 1} <= one for one in seen)
+
+
+def test_boxes_that_windows_hold_are_those_that_plain_loops_find(rng):
+    """Of cells on three axes, of each tube others."""
+    sizes, counts, cells = [10, 6, 17], [5, 6, 9], rng.random((4, 5, 6, 9)) < 0.05
+    ends, expected = [], np.zeros(sizes, bool)
+    for n in counts:
+        first = np.arange(n) + rng.integers(-3, 4, (4, 1))
+        ends.append((first, first + rng.integers(0, 3, (4, 1))))
+    for tube, *cell in np.argwhere(cells).tolist():
+        spans = [np.arange(a[tube, c], z[tube, c] + 1) % n for (a, z), c, n in zip(ends, cell, sizes, strict=True)]
+        expected[np.ix_(*spans)] = True
+    found = overlapped(
+        lambda some: packed(cells[some].any(axis=0)), sizes, [each_once(*pair) for pair in ends], np.arange(4)
+    )
+    assert np.array_equal(unpacked(found, 17), expected) and 0.2 < expected.mean() < 0.9
 
 
 def test_boxes_hold_all_of_tubes_that_are_alike(rng):
