@@ -25,7 +25,7 @@ TABLES = [
     "test_verify_mutations.py",
     "test_forged_robots.py",
     "test_oblique.py",
-    "check/test_windows.py",
+    "test_at_once.py",
 ]
 
 

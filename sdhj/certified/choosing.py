@@ -42,7 +42,7 @@ from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
-from sdhj.certified.word_tubes import in_words, pieces_of
+from sdhj.certified.word_tubes import goes_along, in_words, pieces_of
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
@@ -390,7 +390,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
 
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     for unsafe_set in problem.unsafe:
-        if in_words(problem, depends, unsafe_set.axes):
+        if in_words(problem, depends, axes, unsafe_set, parts):
             spans = times * parts if unsafe_set.moving else 1
             own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
             boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
@@ -405,7 +405,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
     image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
     near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    if in_words(problem, depends, range(ndim)):
+    if goes_along(problem, depends, range(ndim)):
         return first, entries * (WORD * words * count + IN_WORDS * cells)
     image = float(image) if depends[-1] else 0.0  # else words are asked for
     return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])

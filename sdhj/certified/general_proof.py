@@ -112,7 +112,7 @@ def peak(
     """See `GeneralProof.peak`; moves and clear are shapes."""
     own = place_axes(problem, axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
-    united = [part for part in problem.unsafe if in_words(problem, own, part.axes)]
+    united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
         for part in known_sets(problem)
@@ -286,7 +286,10 @@ class GeneralProof(Images):
         move alike, and no end is safe.
         """
         few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
-        return tuple(one for one in self.problem.unsafe if few and in_words(self.problem, self.strides > 0, one.axes))
+        depends = self.strides > 0
+        return tuple(
+            one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
+        )
 
     @property
     def _met_by_cells(self) -> list[UnsafeSet]:

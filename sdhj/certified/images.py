@@ -34,7 +34,7 @@ from tqdm import tqdm
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, cells_of, is_steady, sees_walls, unknown
 from sdhj.certified.oblique import Lines, no_lines
-from sdhj.certified.word_tubes import Lattice, far_beyond, in_words, united, with_margins
+from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
@@ -329,7 +329,7 @@ class Images(Proof):
         """`grow`, of the cells with an image that a change of `following` may be in. In place."""
         every = range(len(self.axes))
         boxes_alone = not len(self.moves(step).lines) and groups == 1 and clear.size > 0
-        if boxes_alone and in_words(self.problem, self.strides > 0, every):
+        if boxes_alone and goes_along(self.problem, self.strides > 0, every):
             self._add_alike(cells, following, step, clear)
             return
         near = np.full(cells.shape, changed is None)
@@ -349,7 +349,7 @@ class Images(Proof):
         boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
         led, wanted = np.zeros_like(cells), cells if self.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_led(missing.reshape(cells.shape), clear, inputs, wanted, led, count)  # obligation 3.30
+            add_led(missing.reshape(cells.shape), clear, inputs, wanted, led, count)
         cells[:] = led if self.shrinks else cells | led
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:

@@ -20,7 +20,8 @@ from sdhj.kernels.windows import united_along, united_in_words, with_beyond
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 
-LEAST_AXES = 3  # with fewer, boxes are counted: they are fine enough
+LEAST_AXES = 3  # with fewer, boxes are counted
+COUNTED = 4_000_000  # boxes that are fine enough when they are counted, at all times together
 BOXES = 4_000_000  # in which a level set is asked for, at all times together, or
 LEAST_PIECES = 2  # of a cell along each axis on which inputs move it, where that is more
 MOST_PIECES = 16
@@ -41,9 +42,21 @@ class Lattice(NamedTuple):
     high: FloatArray
 
 
-def in_words(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[int]) -> bool:
-    """Whether cells along the axes of an unsafe set are looked at 64 at a time: these are many, the last of all among
-    them, no image depends on them, depends (ndim,) bool, and no end is safe.
+def in_words(
+    problem: ReachAvoidProblem, depends: FloatArray, cells: Sequence[CellAxis], unsafe_set: UnsafeSet, parts: int
+) -> bool:
+    """Whether cells along the axes of an unsafe set are looked at 64 at a time: `goes_along` says that they may be, and
+    boxes of half a cell are too many to be counted. cells : of all axes.
+    """
+    axes = unsafe_set.axes
+    spans = parts * problem.most_steps if unsafe_set.moving else 1
+    many = math.prod(cells[k].count for k in axes) * 2 ** len(axes) * spans > COUNTED
+    return many and goes_along(problem, depends, axes)
+
+
+def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[int]) -> bool:
+    """Whether tubes and images go along with cells on some axes: these are many, the last of all among them, no image
+    depends on them, depends (ndim,) bool, and no end is safe.
     """
     last = axes[-1] == depends.size - 1
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")

@@ -117,7 +117,7 @@ MUTATIONS = {
     "what is not": ("6.35 zero 287; number 292 1", EXACT),
     "rounding of tables": ("6.36 zero 3; 6.37 zero 4", TABLES),
     "blocks of a table": ("6.38 turn 7", TABLES),
-    "boxes as wide as tubes are looked up": ("4.51 drop 4", BOXES),
+    "boxes as wide as tubes are looked up": ("4.51 zero 11", BOXES),
     "the last box of a block": ("4.54 zero 7", BOXES),
     "boxes that are wider": ("4.55 zero 7; zero 11", BOXES),
     "boxes of a second lap": ("4.56 drop 16", BOXES),

@@ -7,7 +7,7 @@ import pytest
 from forged_robots import ROBOTS
 
 import sdhj
-from sdhj.certified import general_proof
+from sdhj.certified import word_tubes
 from sdhj.certified.cells import CellAxis
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.word_tubes import Lattice, far_beyond, united, windows, with_margins
@@ -58,18 +58,17 @@ def _clear(monkeypatch, in_words):
     problem, cells, parts = ROBOTS["pursued"]
     proof = GeneralProof.of(problem(), sdhj.Certified(cells=cells).axes(problem()), parts)
     with monkeypatch.context() as patched:
-        if not in_words:
-            patched.setattr(general_proof, "in_words", lambda *_: False)
+        patched.setattr(word_tubes, "COUNTED", 0 if in_words else 1 << 60)
         assert len(proof.met_in_words) == 2 * in_words
         proof.prepare(False)
     return proof, np.unpackbits(proof.clear, axis=-1, bitorder="little", count=4).astype(bool)
 
 
 def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
-    """Of drawn states, at all times of a step, under drawn plays; no less is clear than by counted boxes."""
+    """Of drawn states, at all times of a step, under drawn plays; little less is clear than by smaller boxes, counted."""
     (proof, words), (_, counted) = (_clear(monkeypatch, one) for one in (True, False))
     problem, runs = proof.problem, 40_000
-    assert words.mean() >= counted.mean() - 1e-3 and 0.1 < words.mean() < 0.9
+    assert words.mean() >= counted.mean() - 5e-3 and 0.1 < words.mean() < 0.9
     states = rng.uniform(problem.grid.lower, problem.grid.upper, (runs, 3))
     own = [np.searchsorted(axis.edges(), q, "right") - 1 for axis, q in zip(proof.axes, states.T, strict=True)]
     numbers, met = np.ravel_multi_index(own, [axis.count for axis in proof.axes]), 0

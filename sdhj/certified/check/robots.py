@@ -822,8 +822,7 @@ class Robot(Sets):
             if not within:
                 good = by_slabs(partial(self.goals_hold, step=step), numbers)
             else:
-                following = self.bits(step + 1, within - 1)  # check 3.46
-                good = self.steps_hold(numbers, step, following)
+                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
             failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
         yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():
