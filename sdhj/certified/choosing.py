@@ -19,8 +19,8 @@ nothing was rounded out on axes with one velocity, and with that, each for the w
 an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
 steps.
 
-Where each axis loses more than there is, and the target's axes are a problem of their own with one velocity, as an arm
-that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
+Where each axis loses more than there is, or all cells move alike, and the target's axes are a problem of their own with
+one velocity, as an arm that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
 which fit the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which
 most is kept.
 
@@ -75,7 +75,8 @@ CORES = 1.6  # that two are worth
 AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
 # in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
 ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
-WORD, IN_WORDS = 3e-9, 1e-9  # for an input and 64 cells where these are looked at together, and for a cell of an entry
+# for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
+WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 40  # operations
 
 
@@ -113,7 +114,8 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
     places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
-    if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
+    together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
+    if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(wishes[place] for place in places)
 
@@ -395,6 +397,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
             own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
             boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
             first += BOXED * boxes * _operations(unsafe_set.level_set) + WORD * words * count * parts * starts
+            first += BIT * cells * count * (times if unsafe_set.moving else starts)
             continue
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
