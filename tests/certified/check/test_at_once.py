@@ -215,6 +215,7 @@ MUTATIONS = {  # a change of what is marked `# check`, and the case that is then
     "who is clear": ("3.92 drop 3", "all alike"),
     "images that leave the set": ("3.92 drop 6", "all alike"),
     "images at the ends": ("3.91 put 4 ({8}, {16})", "all alike"),
+    "a clock that is off": ("4.72 zero 9; zero 13", "late"),
     "who arrives": ("3.93 drop 27", "all alike"),
     "who arrives and is clear": ("3.90 drop 3", "all alike"),
 }
