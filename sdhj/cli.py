@@ -60,7 +60,11 @@ from sdhj.table.store import functions_of, head_of_store, is_store
 
 
 def stop(number: int, frame: FrameType | None) -> None:
-    """Delete temporary files and end the process with status 128 + the signal's number; no exception can be caught."""
+    """Handle a signal: delete temporary files, say on standard error that sdhj was stopped, and end the process.
+
+    The exit status is 128 + `number`, that of the signal; `frame` is not used. No exception is raised that could be
+    caught on the way.
+    """
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
             temporary.unlink()
@@ -90,17 +94,20 @@ WARMED = [
 
 
 class Refusal(click.ClickException):
-    """One clear line on standard error, exit status 2."""
+    """An error that ends a command with one clear line on standard error and exit status 2."""
 
     exit_code = 2
 
 
 def plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn the library's errors into one line without a traceback, and report when kernels are compiled."""
+    """Decorate a command: errors become one line on standard error without a traceback, and compiling is reported.
+
+    ValueError, OSError, MemoryError and ImportError end it with status 2 (`Refusal`), Ctrl-C with status 130.
+    """
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        """The command, its errors told in one line with exit status 2."""
+        """Run the command with its arguments, errors as above."""
         try:
             with announced(progress=True):
                 command(*args, **kwargs)
@@ -116,7 +123,7 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
-    """Parse numbers separated by commas."""
+    """The numbers, of type `kind`, of a text in which commas separate them; ValueError, naming `option`, for others."""
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
@@ -264,7 +271,10 @@ def info(table: Path) -> None:
 
 
 def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
-    """The dynamics under the first input, and the sets, of the head of a file and its tables, as lines."""
+    """The dynamics under the first input, and the level-set function of each set, as lines of text.
+
+    head : of a file (`checked_head`). arrays : what the file's formulas look up, by name (`arrays_in`, `functions_of`).
+    """
     found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
     bounds, velocity = found["bounds"].entries[0], list[Node]()
     v = [f"v{d + 1}" for d in range(len(bounds))]
@@ -318,7 +328,12 @@ def verify_command(
 
 
 def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, exported: Path | None = None) -> bool:
-    """Whether all claims of a table's file, and of one exported from it, are proved; says which."""
+    """Whether the checker proves all claims of a certified table's file and, if given, of a file `exported` from it.
+
+    Prints its report and the time it took. problem : "module:name" or "file.py:name", needed for black boxes. samples :
+    how many cells, drawn by `seed`, are checked; 0: all. ValueError if the table is not certified; the errors of
+    `load`.
+    """
     if header(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
         raise ValueError(f"{table} contains interpolated tubes, which have no proof; {how}")
@@ -331,7 +346,11 @@ def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, e
 
 
 def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
-    """The problem of module:name or file.py:name, or what a function of that name returns."""
+    """The problem that a user names as module:name or file.py:name, or what a function of that name returns.
+
+    Runs the module, for which it puts its folder on sys.path. ValueError, naming `option`, if the name does not fit,
+    the code raises anything, or what is found is no problem.
+    """
     place, _, what = name.rpartition(":")
     if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
         raise ValueError(f"{option} must be module:name or file.py:name, of a problem, got {name!r}")
@@ -354,7 +373,7 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
 
 
 def _line_of(error: Exception, place: str) -> str:
-    """Where in a user's file an error comes from."""
+    """The text " (line n of place)", the last line of a user's file in an error's traceback; empty if none is there."""
     lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(Path(place).name)]
     return f" (line {lines[-1]} of {place})" if lines and place.endswith(".py") else ""
 
@@ -453,7 +472,11 @@ def plot_command(
 
 
 def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int], FloatArray]:
-    """The two axes that --axes names, and the state that --at says, in the middle of all other axes."""
+    """Of the slice to draw the two axes, by number, and a state (ndim,) on it.
+
+    axes : "name,name", or None for the first two. at : "name=number" for each axis on which the state is not in the
+    middle. ValueError if the grid has one axis, or a name or number does not fit.
+    """
     if grid.ndim < 2:
         raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
 
@@ -515,13 +538,13 @@ def compile_kernels(robot: str, method: str) -> float:
 
 
 def new_robot() -> ReachAvoidProblem:
-    """The robot that `sdhj new` writes."""
+    """The problem of the robot that `sdhj new` writes: its template is run."""
     problem: ReachAvoidProblem = runpy.run_path(str(NEW_ROBOT))["problem"]()
     return problem
 
 
 def command() -> None:
-    """Run the command `sdhj`; Ctrl-C and SIGTERM end it at once, unless they are ignored."""
+    """Run the command `sdhj`: Ctrl-C and SIGTERM end it at once, unless they are ignored; warnings take one line."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)

@@ -31,7 +31,7 @@ from sdhj.solver.games import HJIGames
 from sdhj.solver.methods import HJI, HopfLax, Method
 from sdhj.solver.recursion import PROCESS, GridSets, Slabs, cost_on_grid, recursion, work
 from sdhj.solver.resolution import check_resolution
-from sdhj.solver.slabs import AvoidGame, Plan, Task, around, bytes_of_games, in_slabs, reach_halo, time_steps
+from sdhj.solver.slabs import AvoidGame, Plan, Task, bytes_of_games, in_slabs, reach_halo, slab_window, time_steps
 from sdhj.table.files import VERSION, Named, TableFileError, head_of_table
 from sdhj.table.store import (
     STORE_FORMAT,
@@ -61,11 +61,15 @@ def solve_stored(
     memory: int | None,
     operations: float,
 ) -> StoredTable:
-    """Solve into a store on disk, slab by slab; the arguments are those of `sdhj.solve`."""
+    """Solve a problem by the method `asked` into a store at `path`, slab by slab, and load the table from there.
+
+    With `resume` a store that is there goes on from its finished slabs. The other arguments and all errors are those of
+    `sdhj.solve`.
+    """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     started, path = time.perf_counter(), Path(os.path.abspath(path))
-    method = taken(problem, asked, resume, client)
+    method = storable(problem, asked, resume, client)
     with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
@@ -73,14 +77,14 @@ def solve_stored(
             store.check(list(store.entered))
         else:
             free_name(path)
-            plan = planned(problem, method, room=room_of(memory, client))
+            plan = planned(problem, method, room=slab_memory(memory, client))
         begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:
             warn_of_disk(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
         def slabs_done(number: int) -> None:  # here the games tell, more often
-            """Tell the progress bar how many slabs the workers have done."""
+            """Tell the progress bar how many slabs of a tube a client's workers have done; without one, nothing."""
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
 
@@ -93,7 +97,7 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """A function that does tasks and yields what `work` returns: here, or by the workers of a Dask client.
+    """A function that does tasks of a plan and yields what `work` returns: here, or by the workers of a Dask client.
 
     Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
     path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
@@ -116,13 +120,17 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """Do a task in a worker, one at a time."""
+    """Do a task of a plan in a worker, whose threads wait for each other, as memory is for one slab; as `work`."""
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 
 
-def taken(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
-    """The method, if it solves out of core; ValueError for what is not solved there."""
+def storable(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
+    """The method as it is, if it solves into a store.
+
+    ValueError for other methods, for joint games, and for problems without a number of steps, with sensing, safe ends
+    or dynamics that depend on time; also if `resume` is not a bool or `client` no Dask client.
+    """
     if not isinstance(resume, bool):
         raise ValueError(f"resume must be True or False, got {reprlib.repr(resume)}")
     if client is not None and not (callable(getattr(client, "submit", None)) and hasattr(client, "scheduler_info")):
@@ -144,8 +152,11 @@ def taken(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) 
 # ---- the plan
 
 
-def room_of(memory: int | None, client: Any) -> int:
-    """Bytes that a slab may take: what is given, or half of what is available here and of what a worker may use."""
+def slab_memory(memory: int | None, client: Any) -> int:
+    """Bytes that a slab may take: `memory`, or half of the least of what is free here and what each worker may use.
+
+    ValueError if `memory` is no whole number from 1 on.
+    """
     if memory is not None:
         return whole("memory", memory, least=1)
     free = available()
@@ -156,10 +167,13 @@ def room_of(memory: int | None, client: Any) -> int:
 def planned(
     problem: ReachAvoidProblem, method: HJI | HopfLax, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
 ) -> Plan:
-    """The axis along which slabs need least beside them, cut as thick as there is room for; or a `cut` made before.
+    """How a solve is cut into slabs: along which axis, how many nodes wide, and with how many beside them (the halo).
 
-    Where there are three axes or more it is none of the last two: on those a slab's nodes would come to lie in the
-    vector loops of the kernels otherwise than those of the whole grid.
+    The axis is the one whose halo is the smallest part of it, and a slab as wide as `room`, in bytes, lets it be; `cut`
+    is the (axis, width) of a store begun before, which is kept. Where there are three axes or more none of the last two
+    is cut: on those a slab's nodes would come to lie in the vector loops of the kernels otherwise than those of the
+    whole grid. Warns where the grid is too coarse; with several slabs the problem forgets its samples of the whole
+    grid. MemoryError if a slab of one node takes more than `room`, or any more than is free.
     """
     check_resolution(problem, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
@@ -189,20 +203,20 @@ def planned(
 
 
 def task_bytes(plan: Plan) -> int:
-    """Bytes that the largest task of a plan takes at its peak, beside what the process takes; from above."""
+    """An upper bound on the bytes that one task of a plan takes at its peak, beside what the process takes anyway."""
     problem, layout = plan.problem, plan.layout
     item, count = np.dtype(plan.dtype).itemsize, len(problem.inputs)
     reaching, middle = plan.make(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
     windows, tubes = [plan.window(middle)[0]], 0
     if isinstance(reaching, HJIGames) and reaching.shifted:
-        windows[0] = windows[0].continued(reaching.around[1])
+        windows[0] = windows[0].continued(reaching.moving_grid[1])
     for kind, games in plan.avoid.items():
         tubes += item * count * math.prod(end - begin for begin, end in layout.runs(kind, 0))
         for game in games:
             grid = game.danger.problem.grid
             if game.axis is not None:
                 first, end = layout.span(middle)
-                grid, _ = around(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+                grid, _ = slab_window(grid, game.axis, (game.begin + first, game.begin + end), game.halo)
             windows.append(grid.subgrid(game.danger.problem.avoid_axes(game.danger.unsafe_set)))
     written = math.prod(end - begin for begin, end in layout.runs("tubes", 0)) * (4 * item + 2 * -(-count // 8))
     differences = isinstance(reaching, HJIGames)  # else maxima over the first axes are kept
@@ -214,7 +228,7 @@ def task_bytes(plan: Plan) -> int:
 
 
 def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
-    """The head of a store: its problem, its method and how it is cut."""
+    """The head of a store, as JSON gives it back: its problem, its method with options, and how it is cut."""
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
@@ -226,7 +240,7 @@ def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
 
 
 def cut_of(store: Store, head: dict[str, Any], method: HJI | HopfLax) -> tuple[int, int]:
-    """How a store is cut that a solve may go on with; TableFileError where it belongs to another one."""
+    """(axis, width) by which a store is cut; TableFileError where another version, method or option has begun it."""
     if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(
             f"{store.path} was begun by sdhj {its}, and this is {VERSION}, which may round otherwise; solve it anew"

@@ -126,7 +126,8 @@ def solve(
         tell(*suspicions(problem))
         sets = _filled(problem, method, progress, most)
         table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
-        said = (_rehearsed(table) if play else {}) | ({"findings": [list(one[:3]) for one in found]} if found else {})
+        said = _simulated_at_the_end(table) if play else {}
+        said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table
 
 
@@ -207,20 +208,28 @@ def resolve(
 
 
 def _require_problem(problem: Any) -> None:
-    """ValueError unless it is one."""
+    """Raise ValueError unless `problem` is a ReachAvoidProblem."""
     if not isinstance(problem, ReachAvoidProblem):
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
 
 
 def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
-    """The table with a player, and with what it keeps for `resolve`."""
+    """The table as users get it: with a `player`, which simulates its runs, and with what it keeps for `resolve`.
+
+    That is, of a LookupTable, the method and, if `former` says what was taken over from an earlier table, the avoid
+    tubes and the solutions of the PDE.
+    """
     kept = Kept(method, former.each, former.still) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
     return cast(Table, replace(cast(Any, table), player=played, **fields))
 
 
-def _rehearsed(table: Table) -> dict[str, Any]:
-    """The results of simulated runs on a solved table, for its details; whatever they meet, it is kept."""
+def _simulated_at_the_end(table: Table) -> dict[str, Any]:
+    """Simulate runs of a solved table and return their counts for its details; {} of a certified table.
+
+    Of that it is only warned where next to nothing is certified. Whatever the runs raise, Ctrl-C too, becomes a warning
+    and {}, so that the table is not lost; a warning that the caller has made an error is raised.
+    """
     try:
         if isinstance(table, CertifiedTable):
             tell(scanty(table))
@@ -273,7 +282,11 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
 def _filled(
     problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
 ) -> TubeSets:
-    """All sets of the recursion; if the problem has no number of steps, those computed before Ctrl-C."""
+    """The sets of a method, with all tubes computed by the recursion; without a number of steps, those before Ctrl-C.
+
+    Shows a progress bar, checks sets and cost on the way (ValueError above `most` operations, MemoryError), and takes
+    over from `former` what need not be computed.
+    """
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
         if proving := isinstance(method, Certified):  # whose sets take half the time of a solve
@@ -284,7 +297,7 @@ def _filled(
         meter.tube()
 
         def done() -> None:
-            """Tell the progress bar of one more tube."""
+            """Tell the progress bar of one more tube and, without a number of steps, what share of states changes."""
             meter.tube()
             if endless:
                 meter.bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)

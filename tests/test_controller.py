@@ -16,7 +16,7 @@ import toys
 import sdhj
 from sdhj.kernels import read_only
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import CHECKED_INSTANTS, settle
+from sdhj.table.ahead import CHECKED_INSTANTS, choose_by_true_sets
 from sdhj.table.batches import CHUNK, Batch, Table
 from sdhj.table.beside import fallbacks
 from sdhj.table.controller import Controller
@@ -516,7 +516,7 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
         inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
     table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at, normals=None)
-    table._decide = lambda batch, scores, looks, rows: settle(table, batch, rows, ends, scores, looks)
+    table._decide = lambda batch, scores, looks, rows: choose_by_true_sets(table, batch, rows, ends, scores, looks)
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing
     assert chosen.tolist() == naive_controller.best(kept.tolist(), ranked[kept].tolist(), margins.tolist())

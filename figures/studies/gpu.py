@@ -32,7 +32,7 @@ from sdhj.arm.case_studies import arm_case_study
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import over_interval
 from sdhj.kernels.compiling import choice, inlined
-from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _axes, _kept, _sum
+from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _kept, _runs_of_axes, _sum_hamiltonians
 from sdhj.problem.boxes import _leaves, _levels
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, ObstacleFunction
@@ -94,8 +94,8 @@ def stage(out, phi, shape, velocities, scheme, layout, step, count):
         first, plane = place // planes * planes * size, place % planes
         start = first + (row + layout.top) * layout.width + column + layout.ghosts
         c, node = phi[start + plane * size], np.uint64(0)
-        axes = _axes(shape, layout.near[plane], start, start - first + plane * size, velocities)
-        raised = c + dt * _sum(axes, zero, phi, velocities[0], scheme, c, node)
+        axes = _runs_of_axes(shape, layout.near[plane], start, start - first + plane * size, velocities)
+        raised = c + dt * _sum_hamiltonians(axes, zero, phi, velocities[0], scheme, c, node)
         out[t] = _kept(keep, out[t]) + (type(dt)(1.0) - keep) * raised
 
 
@@ -261,7 +261,7 @@ class Game:
         formula, interval, pieces = self.games.formula, self.problem.interval(0), self.games.formula.pieces(list(axes))
         out = self._room("avoid", len(axes), self.count * sets * self.grid.subgrid(axes).size)
         for piece in range(pieces):
-            low, high, halves = formula._around(interval, list(axes), piece, pieces)
+            low, high, halves = formula._displacement_sets_in_piece(interval, list(axes), piece, pieces)
             assert not halves.any()  # no component of v moves several axes
             (leaves, axis), found = self._most(values, sets, axes, low, high)
             self._maxima(self._split(out, self.count, sets, axes, axis), found, leaves, piece > 0)

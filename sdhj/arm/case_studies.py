@@ -38,7 +38,7 @@ OBSTACLES = (
 
 @dataclass(frozen=True)
 class ArmScene:
-    """The workspace of a case study: the arm and the disks around it, from which the level sets are computed.
+    """The workspace of a case study: the arm and the disks around it, with its level-set functions, in metres.
 
     The obstacles OBS(t) and the target TAR(t), None where the evader is the target, move on given paths. The agent,
     "pursuer" or "evader", is a disk of radius `agent_radius` about (px, py), which stays in [-agent_box, agent_box]^2.
@@ -52,25 +52,35 @@ class ArmScene:
     target: Disk | None
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Clearance of the thick arm at joint angles q (M, 2) to the nearest obstacle at time t; shape (M,), m."""
+        """Signed distance of the thick arm at joint angles q (M, 2) to the nearest obstacle's disk at time t, m,
+        negative where they overlap: (M,).
+        """
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least clearance at joint angles q (M, 2) over all of [t0, t1] (Sec. 5.4); shape (M,), m."""
+        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), exactly, at joint angles q (M, 2):
+        (M,), m.
+        """
         distances = [self.arm.swept_distance(q, disk.path, t0, t1) for disk in self.obstacles]
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Clearance of the thick arm to the pursuer's disk in states (M, 4), at any time t; shape (M,), m."""
+        """Signed distance of the thick arm to the pursuer's disk in states (M, 4), at any time t, m, negative
+        where they overlap: (M,).
+        """
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the end-effector at joint angles q (M, 2) to the edge of the target; shape (M,), m."""
+        """Distance of the end-effector at joint angles q (M, 2) to the target's centre at time t, less its radius:
+        (M,), m. Only with a target.
+        """
         assert self.target is not None
         return np.hypot(*(self.arm.tip(q) - self.target.centre(t)).T) - self.target.radius
 
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the end-effector to the edge of the evader in states (M, 4); shape (M,), m."""
+        """Distance of the end-effector to the evader's centre in states (M, 4), less its radius, at any time t: (M,),
+        m.
+        """
         return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
     def _contact(self, disk: Disk) -> float:
@@ -218,20 +228,24 @@ BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "ev
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build the problem that has this `recipe`; its digest is that of the original. ValueError for others."""
+    """Build the problem that has this `recipe`, by the builder that it names; ValueError for a recipe that is not this
+    version's.
+    """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study, to draw or to measure distances in; ValueError for any other problem."""
+    """The workspace of a case study, to draw or to measure distances in; ValueError for a problem that has no
+    recipe, or not one of this version.
+    """
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
     return _scene(_checked_recipe(problem.recipe))
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe; ValueError if it is not one of this version."""
+    """The recipe itself; ValueError if its builder or the names of its arguments are not those of this version."""
     builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
     if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(
@@ -242,7 +256,9 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The checked arguments of a builder as plain numbers, lists and strings (JSON), defaults included."""
+    """{"builder": ..., "arguments": ...}: all arguments of a builder, by name, checked and as plain numbers, lists and
+    strings (JSON), numbers of nodes written out for each axis. ValueError where one does not fit.
+    """
     plain: dict[str, Any] = {}
     for name, value in given.items():
         if name == "nodes":
@@ -279,7 +295,7 @@ def _agent(recipe: Mapping[str, Any]) -> str:
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:
-    """The workspace that a recipe describes."""
+    """The workspace that a checked recipe describes."""
     given, agent = recipe["arguments"], _agent(recipe)
     return ArmScene(
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
@@ -293,7 +309,9 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
-    """The target and the unsafe sets; the obstacles are G1 of App. A.3."""
+    """The target and the unsafe sets of a workspace, made once for each; the obstacles are G1 of App. A.3, the pursuer
+    G2.
+    """
     unsafe = list[UnsafeSet]()
     if scene.obstacles:
         unsafe.append(UnsafeSet(JOINTS, scene.obstacles_value, scene.obstacles_swept_value, "obstacles"))
@@ -304,7 +322,9 @@ def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
-    """Grid and integrator dynamics (Eq. 9 and 10) around the sets of a case study."""
+    """The problem of a recipe with these sets: its grid, walled for the agent, and integrator dynamics dq = u + v_d, dp
+    = v_agent (Eq. 9 and 10).
+    """
     given, agent = recipe["arguments"], _agent(recipe)
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]
     levels = np.linspace(-given["u_max"], given["u_max"], given["input_levels"])

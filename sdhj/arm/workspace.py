@@ -52,17 +52,17 @@ class Segment(NamedTuple):
         return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
 
     def distance(self, points: FloatArray) -> FloatArray:
-        """Distance of points (..., 2) from the segments, (...)."""
+        """Distance of points (..., 2) from the segments, broadcast: (...), m."""
         along, left = self.coordinates(points)
         beyond = np.maximum(along - self.length, np.minimum(along, 0.0))  # 0 beside the segment
         return np.hypot(beyond, left)
 
 
 def segment_distance(one: Segment, other: Segment) -> FloatArray:
-    """Distance between segments, broadcast.
+    """Distance between segments, which broadcast: (...), m; 0 where they cross.
 
-    Two segments that do not cross are nearest at an end of one of them. Where rounding hides a crossing, it is
-    within rounding of an end, and that end's distance is within rounding of zero.
+    Two segments that do not cross are nearest at an end of one of them. Where rounding hides a crossing, it is within
+    rounding of an end, and that end's distance is within rounding of zero.
     """
     ends, others = (one.start, one.end), (other.start, other.end)
     nearest = reduce(np.minimum, [other.distance(end) for end in ends] + [one.distance(end) for end in others])
@@ -72,19 +72,20 @@ def segment_distance(one: Segment, other: Segment) -> FloatArray:
 
 
 def _unit(angle: FloatArray) -> FloatArray:
-    """The direction (..., 2) of an angle (...)."""
+    """(cos a, sin a) of angles a (...), rad: (..., 2)."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 class _Path:
-    """The path of a point, given by points (x, y), velocities and numbers, which are checked.
+    """Base of the paths of a point, dataclasses whose fields, points (x, y), velocities and numbers, are checked when
+    they are made.
 
-    `at(t)` is its position at the times t, (*t.shape, 2); `speed` a bound on its speed, m/s; `swept_distance` the
-    distance (...) from segments to its trace over [t0, t1].
+    at(t) : its position at the times t, (*t.shape, 2). speed : a bound on its speed, m/s. swept_distance : the distance
+    (...) from segments to its trace over [t0, t1].
     """
 
     def __post_init__(self) -> None:
-        """Check the numbers of the path; ValueError where one does not fit."""
+        """Check the fields and convert them to floats; ValueError where one does not fit."""
         for name, value in vars(self).items():
             of_two = name in ("centre", "start", "velocity")
             least = 0.0 if name == "radius" else -np.inf
@@ -93,23 +94,23 @@ class _Path:
 
 @dataclass(frozen=True)
 class Still(_Path):
-    """A point that stays at `centre`."""
+    """The path of a point that stays at `centre`, m."""
 
     centre: tuple[float, float]
     speed = 0.0
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """The centre at times t, (..., 2): the same at all."""
+        """The centre at each of the times t: (*t.shape, 2)."""
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Least distance of the disk's centre to the segment over [t0, t1]: that at any time."""
+        """Distance (...) from the segments to the point, which is the same over all of [t0, t1]."""
         return segment.distance(self.at(t0))
 
 
 @dataclass(frozen=True)
 class Line(_Path):
-    """A point at `start` + t * `velocity` (m, m/s)."""
+    """The path of a point at `start` + t * `velocity` (m, m/s)."""
 
     start: tuple[float, float]
     velocity: tuple[float, float]
@@ -120,18 +121,20 @@ class Line(_Path):
         return float(np.hypot(*self.velocity))
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """The centre at times t, (..., 2): start + t velocity."""
+        """start + t velocity at the times t: (*t.shape, 2)."""
         return np.asarray(self.start) + np.asarray(t, dtype=np.float64)[..., None] * np.asarray(self.velocity)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Least distance to the segment of the centre's path over [t0, t1], which is a segment too."""
+        """Least distance (...) from the segments to the point over [t0, t1]: to the segment that it traces."""
         direction = np.array(self.velocity) / self.speed if self.speed else np.array([1.0, 0.0])
         return segment_distance(segment, Segment(self.at(t0), direction, self.speed * (t1 - t0)))
 
 
 @dataclass(frozen=True)
 class Circle(_Path):
-    """A point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s, rad)."""
+    """The path of a point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s,
+    rad).
+    """
 
     centre: tuple[float, float]
     radius: float
@@ -144,12 +147,12 @@ class Circle(_Path):
         return self.radius * abs(self.rate)
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """The centre at times t, (..., 2): centre + radius (cos a, sin a), a = rate t + phase."""
+        """centre + radius (cos a, sin a), a = rate t + phase, at the times t: (*t.shape, 2)."""
         angle = self.rate * np.asarray(t, dtype=np.float64) + self.phase
         return np.asarray(self.centre) + self.radius * _unit(angle)
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """The distance to the arc that its centre traces.
+        """Least distance (...) from the segments to the point over [t0, t1]: to the arc that it traces.
 
         A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
         minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where
@@ -245,7 +248,9 @@ class Arm:
         option("kinematics", self.kinematics, KINEMATICS)
 
     def links(self, q: FloatArray) -> tuple[Segment, Segment]:
-        """The two links at joint angles q (..., 2)."""
+        """The two links at joint angles q (..., 2), from the base to the elbow and on to the tip; ValueError for
+        another shape.
+        """
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
             raise ValueError(f"joint angles must have shape (..., 2), got {q.shape}")

@@ -22,15 +22,19 @@ Move = tuple[tuple[Fraction, Fraction], ...]
 
 
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
-    """The target's axes where they are a problem of their own, and others share the cells with them; else none."""
+    """The axes that the target depends on, if these are a problem of their own and not all axes; else [].
+
+    They are one where the velocity along each is the same everywhere (`is_steady`).
+    """
     own = [] if problem.has_no_target else list(problem.target.axes)
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
 
 def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
-    """The share of the states from which cells of the target's axes reach the target within some steps.
+    """The share of the states, from 0 to 1, from which the certified recursion on the target's axes alone reaches the
+    target within some steps from step 0; nothing is unsafe.
 
-    axes : the cells of `axes_alone`
+    axes : the cells of each of `axes_alone`
     """
     moves = list(dict.fromkeys(_move(problem, j) for j in range(len(problem.inputs))))
     bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
@@ -49,12 +53,12 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
 
 
 def _move(problem: ReachAvoidProblem, j: int) -> Move:
-    """How far an input moves both ends of a state on each of the target's axes."""
+    """How far u_j may move a state in one interval on each of the target's axes, at least and at most, exactly."""
     return tuple(moved_bounds(problem, axis, j) for axis in problem.target.axes)
 
 
 def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -> FloatArray:
-    """Whether each cell, its ends moved, lies in the target: bool, of the shape of the cells."""
+    """Whether each cell, its lower and upper ends moved by a move, lies in the target at time t: bool, (*counts)."""
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
     sides += [[own[1:] + float(ahead) for own, (_, ahead) in zip(edges, move, strict=True)]]
@@ -64,7 +68,10 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -
 
 
 def _led_into(axes: Sequence[CellAxis], moves: Sequence[Move], inside: FloatArray) -> FloatArray:
-    """Which cells have an image, rounded out to whole cells, in a set of cells; images are made axis by axis."""
+    """Which cells some move leads into a set of cells `inside` (*counts): bool, of the same shape.
+
+    Their images, rounded out to whole cells, lie in it; images are products, so the set is eroded axis by axis.
+    """
     led: dict[Move, FloatArray] = {(): inside}
     for move in moves:
         for k, axis in enumerate(axes):

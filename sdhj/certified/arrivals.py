@@ -29,7 +29,8 @@ SITES_AT_ONCE = 1 << 18
 def sites_of(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, int, int]]:
-    """Strides: a cell is at the site sum(cell * strides); and the shape of `GeneralProof.arrives`.
+    """Strides (ndim,): a cell is at the site sum(cell * strides); and the shape (starts, sites, bytes) of
+    `GeneralProof.arrives`, all 0 where images are judged by cells alone: without a target, or with sensing.
 
     depends : (ndim,) bool, the axes of a place
     """
@@ -45,16 +46,20 @@ def sites_of(
 
 
 class Arrivals:
-    """Of a proof's images those that lie in the target: fills `GeneralProof.arrives` as images become known."""
+    """Which inputs lead a cell's whole image into the target itself: fills `GeneralProof.arrives`, image by image."""
 
     def __init__(self, proof: Any) -> None:
-        """Of a proof whose moves are filled meanwhile."""
+        """The arrivals of a `GeneralProof` that is being prepared; none is known yet."""
         self.proof, self.near = proof, dict[int, FloatArray]()
         starts, count, *_ = proof.low.shape
         self.most = max(MOST_PIECES // (max(starts, len(proof.arrives)) * count), 1 << 12)
 
     def add(self, start: int, j: int, places: FloatArray, last: FloatArray) -> None:
-        """Set bits of u_j at the sites of places (M,), of which the ends of cells move by last (M, ndim, 2)."""
+        """Set the bits of u_j in `proof.arrives` at all sites of places (M,) from where it leads into the target.
+
+        start : of the moves, 0 where one is for all steps. last (M, ndim, 2) : how far the lower and upper ends of
+        cells move in the interval.
+        """
         arrives, proof = self.proof.arrives, self.proof
         if not len(arrives):
             return
@@ -66,7 +71,11 @@ class Arrivals:
                 self._mark(step, start, j, places[some], last[some], free)
 
     def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
-        """`add`, of few places, at the end of the interval from one step."""
+        """Set the bits of u_j in `proof.arrives` for places (M,) and the interval from one step: `add`, of few places.
+
+        All of a cell's image has to be inside the target at the interval's end. start : of the moves. last (M, ndim, 2)
+        : how far the ends of cells move. free : the target's axes that are no place's, on which all cells are asked.
+        """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
         own, near = proof.cells_at(places), self._near(step)
         sides = [
@@ -86,7 +95,10 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """Where cells `own` (M, ndim) that move `by` (M,) cells come to along an axis, broadcastable to (M, *free)."""
+        """The numbers, along an axis, of cells `own` (M, ndim) that move `by` (M,) cells, broadcastable to (M, *free).
+
+        On an axis of `free` those of all its cells. Around periodic axes; on others clipped to the first or last cell.
+        """
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
         if axis in free:

@@ -40,7 +40,7 @@ class Bounds:
     vertices: FloatArray | None = None
 
     def input(self, j: int) -> int:
-        """Which of the problem's inputs it is."""
+        """The number of the problem's input that u_j applies: j itself or, with vertices, j // V."""
         return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
@@ -54,7 +54,10 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """The least (side 0) or the greatest (1) of `velocity` along one axis: (M,)."""
+        """The least (side 0) or greatest (1) velocity along one axis under u_j in boxes (M, ndim) and [t0, t1]: (M,).
+
+        Where it can be, without the other components, which is faster than `velocity`.
+        """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
             return np.ascontiguousarray(self.velocity(j, low, high, t0, t1)[side, :, axis])
@@ -62,13 +65,13 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest value of a level set in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
+        """Least and greatest value of a set's function in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 
     def _level(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """`level`, of a function of some axes."""
+        """Least and greatest value of a function of some axes in boxes (M, axes) and in [t0, t1]: (2, M)."""
         return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
 
     def signs(
@@ -96,8 +99,9 @@ class Bounds:
         halvings: int = 0,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """In which of the boxes that are asked for a level set is > 0 everywhere, as `signs` says: bool.
+        """In which boxes, of those `asked` for, a set's function is > 0 everywhere and at all times: bool.
 
+        low, high, times, halvings : as of `signs`.
         Functions of which it is the least are asked one by one, each only where all before it are > 0.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
@@ -115,7 +119,11 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """`signs` of a function of some axes; 0 in boxes that are not asked for and whose tile has two signs."""
+        """1 where a function of some axes is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: int8.
+
+        The arguments are those of `signs`. asked : boxes that are bounded themselves; others have the sign of their
+        tile.
+        """
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
@@ -142,9 +150,10 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """Whether a level set is <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
+        """Whether a level-set function is surely <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
 
-        Boxes for which that is open are cut in two along each axis, so often at most, and into so many pieces at most.
+        Boxes for which that is open are cut in two along each axis, `halvings` times and into `most` pieces in all at
+        most; what is open then is False.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -172,7 +181,11 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """`signs` of boxes (M, axes), cut into so many pieces at most."""
+        """1 where a function is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: (M,) int8.
+
+        Boxes (M, axes) for which that is open are cut in two along each axis, `halvings` times and into `most` pieces
+        in all at most.
+        """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
             sign = _sign(self._level(axes, function, low, high, *times))
@@ -196,7 +209,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
 
 
 def _some(places: FloatArray) -> Iterator[FloatArray]:
-    """The places in runs of `BOXES`."""
+    """The places (n,), one run of at most `BOXES` of them after the other."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 
@@ -206,7 +219,11 @@ def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
-    """Bounds (2, M, ...) over boxes (M, axes), cut at the ends of their axes and where a periodic one closes."""
+    """Least and greatest values (2, M, ...) of a function over boxes (M, axes), where they are on the grid.
+
+    They are cut at the ends of their axes and where a periodic one closes, and `bounded` is asked about the pieces.
+    axes : of the grid, those of the boxes.
+    """
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]
     for begin in range(0, len(low), BOXES):

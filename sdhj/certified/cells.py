@@ -65,8 +65,9 @@ def measured(value: float) -> Fraction:
 
 @lru_cache(maxsize=4096)
 def _decimal(value: float, form: str, most: int) -> Fraction | None:
-    """The decimal, times a power of two, that a number is to so many digits; None where it has more than `most`.
+    """The decimal, times a power of two, that a number is; None where it has more than `most` significant digits.
 
+    form : how the digits are written (`format`): "" for all of them, ".12g" for twelve.
     A number is off by half a unit in the last place at most where all its digits are written, else by 5e-13 of it.
     """
     part, power = math.frexp(value)
@@ -77,7 +78,7 @@ def _decimal(value: float, form: str, most: int) -> Fraction | None:
 
 
 def _digits(text: str) -> int:
-    """How many significant digits a decimal has."""
+    """How many significant digits the text of a decimal has, zeros at both ends apart: 2 of "-0.0120e5"."""
     return len(text.lower().split("e")[0].lstrip("-").replace(".", "").strip("0"))
 
 
@@ -117,7 +118,7 @@ class CellAxis:
 
     @cached_property
     def scale(self) -> float:
-        """The largest coordinate, to which rounding and all that is allowed for it are relative."""
+        """The largest absolute coordinate, to which rounding and all that is allowed for it are relative."""
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
@@ -168,7 +169,10 @@ class CellAxis:
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
-        """`moved` on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is."""
+        """The first and last cell, from its own on, that a cell overlaps whose ends moved by low and high: two (M,).
+
+        `moved`, on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is.
+        """
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
         begin, end = edges[cell] + low, edges[cell + 1] + high
@@ -195,7 +199,7 @@ def _edges(axis: CellAxis) -> NDArray[np.float64]:
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
-    """Cells of some width on an axis of a grid."""
+    """The cells of a width on an axis of a grid, with that many layers at its ends; ValueError as of `CellAxis`."""
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
     return CellAxis(exact(lower), extent, width, periodic, layers)
@@ -207,9 +211,9 @@ def sees_walls(problem: ReachAvoidProblem) -> bool:
 
 
 def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
-    """How many layers there are at the ends of an axis: one at each wall where a velocity depends on the coordinate.
+    """How many layers there are at the lower and upper end of an axis: 1 at each wall where a velocity depends on it.
 
-    None where measurements err and nobody remembers: then it is not known whether a state is at the wall.
+    0 where measurements err and nobody remembers: then it is not known whether a state is at the wall.
     """
     grid, known = (
         problem.grid,
@@ -221,7 +225,10 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells that a file states of an axis; ValueError where that makes no sense, or would take for ever to read."""
+    """The cells of an axis that a file states: their width, a text such as "1/3", how many, and layers at both ends.
+
+    ValueError where they do not cover the axis, are more than `MOST_CELLS`, or have layers at an end that is no wall.
+    """
     walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
         [a, b] for a in range(1 + walls[0]) for b in range(1 + walls[1])
@@ -240,9 +247,10 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 
 
 def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
-    """Cells as arrays for compiled code; the first `rows` axes number the blocks. told: see `Cells`.
+    """The cells of all axes as arrays for compiled code.
 
-    A layer is a cell like any other there, outside the wall: states at the wall are on its border.
+    rows : how many axes number the blocks. told : whether a state is in a layer only where it says so (`Cells`). A
+    layer is a cell like any other there, outside the wall: states at the wall are on its border.
     """
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
@@ -257,7 +265,10 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
 
 
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
-    """Whether the velocity along an axis depends on input and disturbance only, and how far it moves is known."""
+    """Whether the velocity along an axis depends on input and disturbance alone, so that `moved_bounds` has a value.
+
+    With sensing, and dynamics that are not constant, only where the controller remembers.
+    """
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
     return dynamics.constant or (
@@ -279,7 +290,10 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
 
 
 def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
-    """By how much a prediction may be off on one axis, exactly, for constant dynamics (`sdhj.problem.sensing`)."""
+    """E on one axis, by how much a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
+
+    For constant dynamics, whose velocity under any input lies between slow and fast, as far apart for all.
+    """
     if not problem.sensing:
         return Fraction(0)
     sensing, (slow, fast) = problem.sensing, velocity_bounds(problem, axis, 0)  # all inputs are disturbed alike
@@ -288,9 +302,11 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """How far one interval moves a prediction on one axis under input j, exactly, for constant dynamics.
+    """How far one interval moves a prediction on one axis under input j, at least and at most, exactly, where the axis
+    `is_steady`: velocity times any length of the interval, widened by 2 E.
 
-    From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on.
+    From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on,
+    which adds no E.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
@@ -300,7 +316,7 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
 
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
-    """A cell width that divides every length in `moves` (and `extent` where `whole`), near `wish` cells in all.
+    """A cell width that divides every length in `moves` (and `extent` where `whole`), for about `wish` cells in all.
 
     Where the lengths have no common measure that gives a sensible number of cells, extent / wish: sound as well, but
     every image is rounded out to whole cells.
@@ -317,12 +333,12 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
-    """About so many cells for each axis, aligned with what one interval does to the state where a width is."""
+    """The cells of each axis, about so many, of a width that divides how far an interval moves a state, if any does."""
     return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
 
 
 def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
-    """The first cells' ends of one axis, for each of some numbers of cells: see `aligned`."""
+    """The cells of one axis for each wish, about how many there are to be; their width as of `aligned`."""
     grid, moves = problem.grid, set()
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():

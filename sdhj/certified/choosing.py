@@ -95,7 +95,10 @@ class Speeds(NamedTuple):
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
-    """The number of cells on each axis, before they are aligned, that takes about so many seconds on two cores."""
+    """The number of cells on each axis, before they are aligned, whose solve takes about so many seconds on two cores.
+
+    parts : of an interval. By the model above; it is no clock.
+    """
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
     steps = losing_steps(problem, speeds)
     wishes = np.unique(np.rint(np.geomspace(2, MOST_OF_AN_AXIS, WISHES)).astype(int)).tolist()
@@ -107,7 +110,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     )
 
     def kept(places: list[int]) -> float:
-        """By the model, of all that is won within 0, 1, ... steps."""
+        """By the model, what a choice of cells for each axis keeps: the sum over n of exp(-DECAY loss in n steps)."""
         once = sum(rates[0, k] * float(cells[k][place].width) for k, place in enumerate(places))
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
@@ -154,7 +157,7 @@ def _by_axes_alone(
 
 
 def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
-    """One of the choices of each axis."""
+    """The cells of each axis: of its choices, `cells`, the one at its place in `places`."""
     return tuple(own[place] for own, place in zip(cells, places, strict=True))
 
 
@@ -175,6 +178,7 @@ def _led_far(
         some[axis] = [i for i in range(1, len(whole)) if whole[i] > max(whole[i - 1], 0)] or [*range(len(whole))]
 
     def lost(axis: int, place: int) -> float:
+        """What an axis loses at once by the choice at a place: m times its cells' width."""
         return m[axis] * float(cells[axis][place].width)
 
     for factor in np.geomspace(1.0, MOST_OF_AN_AXIS, LEADING) / m[alone].max(initial=1e-300):
@@ -195,10 +199,11 @@ def _spread(
     lost: FloatArray,
     given: Mapping[int, int] = MappingProxyType({}),
 ) -> list[int]:
-    """Which of the choices of each axis lose least, for what can be paid.
+    """Which of the choices of each axis, by their places, lose least of all that `seconds` and memory pay for.
 
-    rates (3, ndim) : of `losses`, and what each choice of each axis then loses, lost (ndim, choices)
-    given : the choices of some axes
+    Each axis has the choice of least factor lost / share^(1 - SHARPNESS) + log(number of cells); the factor, one for
+    all, is found by bisection. rates (3, ndim) : of `losses`. lost (ndim, choices) : what each choice loses by them.
+    given : the places of axes that are chosen already.
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
@@ -213,7 +218,7 @@ def _spread(
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
-        """Whether cells of these choices fit into the memory and the time."""
+        """Whether the choices at these places (ndim,) fit into memory and time, and still lose more than `WORTH`."""
         axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
@@ -243,8 +248,10 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """The loss on each axis, (3, ndim): for each unit of a cell's width at once and in all steps, which is c, and
-    for each unit of what `rounded_out` says, in all steps.
+    """What a set loses of itself to the cells of each axis, (3, ndim), in `losing_steps` steps.
+
+    The first two are for each unit of a cell's width, at once and in all steps, whose sum is c; the last is for each
+    unit of what `rounded_out` says, in all steps.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
@@ -265,7 +272,7 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """The loss of each choice of the cells of an axis, at its rates (3,) of `losses`."""
+    """What is lost to each of n choices of the cells of an axis, at its rates (3,) of `losses`: (n,)."""
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
@@ -321,7 +328,7 @@ class Ways(NamedTuple):
 
 
 def _ways(problem: ReachAvoidProblem) -> Ways | None:
-    """The ways of a problem; None where no axis is steady."""
+    """The `Ways` of a problem; None where no axis is steady. The unit vectors are always the same."""
     axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
     if not axes:
         return None
@@ -336,9 +343,10 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
 
 
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
-    """m (ndim,), counted between the nodes of the problem's grid, of the sets and the unsafe ends, added up.
+    """m (ndim,): how often lines along an axis cross the boundary of a set, for each unit of length inside it.
 
-    left : of unsafe sets alone, for each unit of length that lines are outside
+    Counted between the nodes of the problem's grid, for target, unsafe sets and unsafe ends, and added up.
+    left : for unsafe sets alone, and each unit of length that lines are outside
     """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
@@ -355,7 +363,7 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """How velocities are bounded in boxes around states drawn at random, and in these states."""
+    """How velocities change over small boxes at states drawn at random, and what they are there: see `Speeds`."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
@@ -376,7 +384,10 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 
 
 def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
-    """Seconds of one core that preparing and the recursion take."""
+    """Seconds of one core that preparing a proof and the recursion take with these cells, by the constants above.
+
+    parts : of an interval
+    """
     depends = place_axes(problem, axes)
     _, moves, clear = shapes(problem, axes, depends)
     (starts, count, places, ndim), (times, cells, _) = moves, clear
@@ -387,7 +398,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
     first = pieces * (AXIS * ndim + OPERATION * _operations(velocity))
 
     def asked(axes_of: Iterable[int]) -> float:
-        """Of how many cells an input's tubes are looked at, for what depends on some axes."""
+        """Of how many cells an input's tubes are looked at for something that depends on some axes."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
@@ -421,7 +432,7 @@ def _moved_alike(speeds: Speeds) -> list[int]:
 
 
 def _operations(function: Any) -> int:
-    """How many operations a formula takes for a point."""
+    """How many operations a function takes for a point: those of its graph; `BLACK_BOX` if it cannot be read."""
     if isinstance(function, BlackBox):
         return BLACK_BOX
     operations = [one.op for one in ordered(function.outputs)]

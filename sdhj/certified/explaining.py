@@ -26,7 +26,11 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """See `Table.explain`."""
+    """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
+
+    At the state's cell, with sensing at one that it may be measured in and that is not certified. A `within` of None,
+    or above N - step, is N - step. ValueError if q or step does not fit.
+    """
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
     entry = entry_named(table, step, within)
@@ -83,7 +87,10 @@ def scanty(table: Any) -> Finding | None:
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
-    """The share that `HJI` finds on a coarse grid, and which of some states (M, ndim) it has; else nothing."""
+    """The share of the state space in the tube of `HJI` on a coarse grid; which of `states` (M, ndim) are in it.
+
+    0 and none where the grid's method cannot solve the problem.
+    """
     grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
     few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
     with warnings.catch_warnings(), findings():
@@ -99,7 +106,7 @@ def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float
 
 
 class _Cell:
-    """The cell of a state, and what its inputs lead to."""
+    """A cell (ndim,) that is not certified, and by how much each input fails to lead it on safely."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
         """Look at the cell of a state, at a step with `within` steps to go, by the intervals of the proof."""
@@ -125,7 +132,10 @@ class _Cell:
     # ---- the two obligations
 
     def uncovered(self, j: int) -> Failure:
-        """Of the cell's image, as the proof has it, the cells that are not certified."""
+        """The failure of an input whose tube is clear: which cells of its image are not certified.
+
+        `short` is minus their share of the image; 0, and `by` empty, where all are certified.
+        """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         held = self.table.proof.in_image(cells, self.cell, j, self.step)
         cells, missing = cells[held], missing[held]
@@ -140,7 +150,10 @@ class _Cell:
         return Failure(j, "image", -len(lost) / len(cells), says)
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The cells from low to high (M, ndim), counted on over the seam; and which are not certified, (M,)."""
+        """The cells (M, ndim) of a box from low to high (ndim,), and which are not certified next: (M,) bool.
+
+        Their numbers are counted on over the end of a periodic axis, and clipped to bounded ones.
+        """
         known, table = self.table.cells, self.table
         high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
@@ -150,7 +163,7 @@ class _Cell:
         return cells, ~answer[0]
 
     def met(self, j: int) -> Failure:
-        """The failure of an input whose tube may meet something: what, and when."""
+        """The failure of an input whose tube may meet something: which set or end is met first, when and how deep."""
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
@@ -181,7 +194,10 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Along which axis the cell is too wide for the nearest input, and which velocities are bounded loosely."""
+        """Advice: along which axis the cell is too wide for the nearest input, and what is bounded loosely.
+
+        nearest : the failure of the input that comes nearest to success.
+        """
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
         short = [self.shortfall(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
         if short[-1] >= 0:
@@ -205,7 +221,11 @@ class _Cell:
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
 
     def shortfall(self, failure: Failure, thin: FloatArray) -> float:
-        """By how much the cell falls short of what a failure is about where it is as thin as the state on some axes."""
+        """By how much the cell still fails if it is cut to the state on the axes `thin` (ndim,) bool; >= 0: not at all.
+
+        By what `failure` is about: the level-set value that its tube may have, or minus how many cells of its image are
+        not certified.
+        """
         box, known = np.where(thin, self.state, self.box), self.table.cells
         if failure.by != "image":
             found = self.depths(failure.input, box)

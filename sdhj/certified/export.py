@@ -123,14 +123,14 @@ def export_c(
     return Exported(folder, table)
 
 
-def _check_sensing(sensing: Sensing) -> None:
-    """Raise ValueError where the answers of a table need more than its words."""
+def _refuse_delay(sensing: Sensing) -> None:
+    """Raise ValueError for measurements with a delay: predictions need more than a table's words."""
     if sensing.delay:
         raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
-    """The fields that a file is to have, in their order; ValueError where one is none of `FIELDS`."""
+    """The fields in `only`, each once, in the order of `FIELDS`; ValueError if one is none of these, or for none."""
     only = (only,) if isinstance(only, str) else tuple(only)
     for one in only:
         option("only", one, FIELDS)
@@ -146,7 +146,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
             'the problem with method="certified"'
         )
-    _check_sensing(table.problem.sensing)
+    _refuse_delay(table.problem.sensing)
     if len(table.problem.inputs) > MOST_EXPORTED:
         raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(table.problem.inputs):,}")
     return table.problem
@@ -156,7 +156,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 
 
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
-    """All inputs, those first that are proved in most of some cells."""
+    """The numbers of all inputs, those first that are proved in most of `DRAWN_CELLS` random cells."""
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
@@ -167,7 +167,7 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
 
 
 def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
-    """The words of cells (M, ndim) as the file has them: (M, bytes) uint8."""
+    """The words of cells (M, ndim) at a step as the file has them, with these fields: (M, bytes) uint8."""
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.has_no_target else min(1, left), None
     if "filter" in fields and within < left:
@@ -177,7 +177,7 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
     )  # an input of the fewest steps is one of all steps
 
     def mask(words: FloatArray) -> FloatArray:
-        """The bits of the inputs in words (M, numbers), as bytes (M, ceil(L / 8))."""
+        """The bits of the inputs in words (M, numbers) uint32, as bytes (M, ceil(L / 8))."""
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
@@ -197,7 +197,7 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
 
 
 class Packer:
-    """Numbers of words and bodies of blocks, each kept once."""
+    """Gives numbers to words, and to bodies of blocks of words, each kept once: what the file is made of."""
 
     def __init__(self, size: int) -> None:
         """An empty collection of words of `size` bytes."""
@@ -206,7 +206,7 @@ class Packer:
         self.blocks: list[FloatArray] = []
 
     def add(self, found: FloatArray) -> FloatArray:
-        """The numbers (n,) uint32 of records (n, bytes)."""
+        """The numbers (n,) uint32 of words (n, bytes) uint8; words that are new get the next ones and are kept."""
         out = np.empty(len(found), np.int64)
         while (used := number_records(found, self.known, self.used, self.slots, out)) < 0:
             full = self.known  # all of it is used
@@ -217,7 +217,7 @@ class Packer:
         return out.astype(np.uint32)
 
     def pack(self, numbers: FloatArray, width: int) -> None:
-        """Number the bodies of blocks (B, cells) of words."""
+        """Pack blocks (B, cells) of numbers of words, `width` bytes each, into bodies, and keep each block's body."""
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
             body = room[: pack_block(one, width, seen, room)].tobytes()
@@ -254,7 +254,7 @@ class InLines:
         return np.minimum(np.moveaxis(every, self.along, -2).reshape(-1, len(self.sides)), self.counts - 1)
 
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
-        """Numbers of the cells of a piece, by block: (B, cells)."""
+        """The numbers (M,) of the cells of a piece, as `cells` orders them, put in order by block: (B, cells)."""
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
         shape.append(shape.pop(self.along))
@@ -265,11 +265,11 @@ class InLines:
 
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
-    """The bytes of `sdhj_table.bin`."""
+    """The bytes of `sdhj_table.bin`, with these fields, rule and braking input; words are made in threads."""
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
-        """The records of the cells of one piece at one step."""
+        """The words, as the file has them, of the cells of one piece of work (step, row of blocks)."""
         step, at = one
         return records(table, pieces.cells(at), step, fields, rule)
 
@@ -290,14 +290,17 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
 
 
 def _bytes_for(count: int) -> int:
-    """Bytes of a number below `count`."""
+    """The fewest bytes that hold any number below `count`, at least 1."""
     return max(1, -(-(count - 1).bit_length() // 8))
 
 
 def file_of(
     table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray
 ) -> bytes:
-    """The bytes of a file, of words and blocks that are numbered."""
+    """The bytes of a file of the words and blocks that `packer` has numbered: head, digest and parts.
+
+    sides (ndim,) : cells of a block along each axis. ValueError above 4 GB.
+    """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
     order = np.argsort(squared_distances(inputs, inputs[brake][None])[0], kind="stable")
@@ -306,7 +309,7 @@ def file_of(
     lengths = [len(body) for body in packer.bodies]
     bodies = b"".join(packer.bodies) + bytes(2)
     starts = np.cumsum([0, *lengths[:-1]]).astype("<u4")
-    at_bytes, tests = _bytes_for(int(starts[-1]) + 1), tested(table, fields, rule, brake)
+    at_bytes, tests = _bytes_for(int(starts[-1]) + 1), answered_states(table, fields, rule, brake)
     leads, reads, images = images_of(table) if problem.sensing.remembers else (0, [0] * ndim, [])
     parts = (
         packer.known[: packer.used].tobytes(),
@@ -344,9 +347,11 @@ def file_of(
 
 
 def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
-    """What cells lead to: for how many steps it differs, and of each axis which axes it depends on, as bits, and it.
+    """What cells lead to: (steps, masks, images), with a mask and an image for each axis of the grid.
 
-    Each is (steps, L, places, 2) int16: the first and the last cell, less the cell's own number.
+    steps : for how many steps it differs. A mask has a bit for each axis that the image along this axis depends on. An
+    image is (steps, L, places, 2) int16: the first and the last cell, less the cell's own number; a place stands for
+    the cells that are alike on these axes.
     """
     problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
@@ -366,8 +371,10 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 # ---- states with their answers
 
 
-def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
-    """States, as parts of each axis, and checksums of what Python says of them: (TESTS, ndim + 1) uint16.
+def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
+    """Random states, in 65535ths of a range of each axis, and 16-bit checksums of what Python says of them.
+
+    (TESTS, ndim + 1) uint16.
 
     The i-th is asked about at step i % (N + 1); some are past the ends of the grid.
     """
@@ -378,12 +385,12 @@ def tested(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int)
     out[:, :-1] = parts
     for step in range(min(steps, TESTS)):
         some = np.arange(step, TESTS, steps)
-        said = told(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
+        said = python_answers(table, states[some], step, some % len(problem.inputs), fields, rule, brake)
         out[some, -1] = [zlib.crc32(one) & 0xFFFF for one in said]
     return out
 
 
-def told(
+def python_answers(
     table: CertifiedTable,
     states: FloatArray,
     step: int,
@@ -392,7 +399,10 @@ def told(
     rule: Rule,
     brake: int,
 ) -> list[bytes]:
-    """The summands of `sdhj_selftest`, of states (M, ndim) at a step; wanted (M,): numbers of inputs."""
+    """What Python answers for states (M, ndim) at a step, as M strings of bytes: those that `sdhj_selftest` sums up.
+
+    wanted (M,) : the inputs that the filter is asked about.
+    """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
     to_go, safe, chosen = table._words.look(table, states, step, left if problem.has_no_target else min(1, left), rule)
@@ -401,7 +411,7 @@ def told(
     distances = squared_distances(problem.inputs, problem.inputs[wanted])
     distances[np.arange(count), wanted] = -1.0
     nearest = np.where(proved, distances, np.inf).argmin(axis=1)
-    where, out = located(table, states), []
+    where, out = location_status(table, states), []
     for m in range(count):
         arrived = not problem.has_no_target and to_go[m] == 0 and bool({"steps", "select"} & set(fields))
         none = STATUS["IN_TARGET" if arrived else "NOT_PROVED"] if left else STATUS["LAST_STEP"]
@@ -429,8 +439,8 @@ def told(
     return out
 
 
-def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
-    """The status of `sdhj_locate` of states (M, ndim): 0 on the grid, (M,) int."""
+def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
+    """Where states (M, ndim) are, as the status of `sdhj_locate`: (M,) int, 0 on the grid, else of `STATUS`."""
     cells, grid = table.cells, table.grid
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
     begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
@@ -446,15 +456,15 @@ def located(table: CertifiedTable, states: FloatArray) -> FloatArray:
 # ---- the header of a robot
 
 
-def plain(text: str) -> str:
-    """A text that a comment of C can hold."""
+def c_comment(text: str) -> str:
+    """A text as a comment of C can hold it: everything that is no plain ASCII, or might end it, becomes "_"."""
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
-    """The text of `sdhj_robot.h`."""
+    """The text of `sdhj_robot.h`, which states the robot of a table and its file, whose bytes are `data`."""
     problem, grid, inputs = table.problem, table.grid, table.problem.inputs
-    name, *axes = map(plain, (problem.name, *grid.names))
+    name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
     rows = [", ".join(format(float(x), ".17g") for x in row) for row in inputs]
     lines = [
@@ -546,7 +556,7 @@ class Exported:
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
-        """Compile the files in a folder, which have been exported from a table."""
+        """The files in a folder, which have been exported from a table; compiled when first asked."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -556,7 +566,11 @@ class Exported:
         return len(self.data)
 
     def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:
-        """Answers to one of `QUESTIONS`; wanted: (M,) indices of inputs for "filter", (M, m) for "filter_command"."""
+        """Status (M,) and answers of the C to one of `QUESTIONS`, of states (M, ndim) at a step: see the class.
+
+        wanted : (M,) indices of inputs for "filter", (M, m) for "filter_command". ValueError for another shape of
+        states, OSError without a compiler.
+        """
         given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
         inputs, count = self.table.problem.inputs, len(given)
         if given.ndim != 2 or given.shape[1] != self.table.grid.ndim:
@@ -577,7 +591,7 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
-        """The C function of that name as a function of states, step and wanted inputs."""
+        """One of `QUESTIONS` as a function (states, step, wanted), which calls `ask`; AttributeError for others."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
@@ -589,14 +603,14 @@ class Exported:
         return Loop(self, count)
 
     def selftest(self) -> int:
-        """How many of the states that are kept in the file the C answers otherwise than Python did."""
+        """Of how many of the `TESTS` states that the file keeps the C says something else than Python; 0 is right."""
         library, opened = self._opened
         library.x_selftest.restype = ctypes.c_uint32
         return int(library.x_selftest(opened))
 
     @cached_property
     def _opened(self) -> tuple[Any, Any]:
-        """The compiled reader and the opened table; OSError without a compiler."""
+        """The compiled reader and the opened table; OSError without a compiler, ValueError if the reader refuses it."""
         compiler = os.environ.get("CC") or next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
         if compiler is None:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
@@ -621,7 +635,7 @@ class Loop:
     """The control loops of M robots in C, each of which remembers (`sdhj_step`); made by `Exported.loop`."""
 
     def __init__(self, exported: Exported, count: int) -> None:
-        """Begin the loops of `count` robots."""
+        """Begin the loops of `count` robots, which know nothing yet; OSError without a C compiler."""
         self.exported, self.count = exported, count
         self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
 
@@ -629,6 +643,7 @@ class Loop:
         """Answer measurements (M, ndim), by `sdhj_step_filter` where inputs (M,) are wanted.
 
         Returns status, inputs, points (M, ndim) that are carried on, and whether an assumption broke: each (M, ...).
+        ValueError for another shape of measurements.
         """
         given = np.ascontiguousarray(measurements, np.float64)
         if given.shape != (self.count, self.exported.table.grid.ndim):

@@ -54,10 +54,11 @@ def lattice_of(
     steps: int,
     sway: FloatArray,
 ) -> Boxes:
-    """The boxes that may meet an unsafe set in each of some times, counted; for how many steps it is asked.
+    """A lattice of boxes, and prefix sums of which of them may meet an unsafe set in each of some `times`, s to s.
 
-    Boxes are wider by what most tubes stick out of their cells to both sides, `sway` (ndim,), where that is less than a
-    box more: a tube is then looked up without it.
+    steps : for how many steps there will be such a lattice, which share memory. sway (ndim,) : what most tubes stick
+    out of their cells to both sides; boxes are wider by it where it is less than a box more, and a tube is then looked
+    up without it.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
     boxes = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
@@ -100,7 +101,10 @@ EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces b
 def shapes(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """Strides, and the shapes of moves and of `clear`, where a place depends on some axes, (ndim,) bool."""
+    """Strides (ndim,), and the shapes of moves, (starts, L, places, ndim), and of `clear`, (starts, cells, bytes).
+
+    depends : (ndim,) bool, the axes of a place
+    """
     strides, moves = moves_of(problem, axes, depends)
     times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
@@ -109,7 +113,10 @@ def shapes(
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
-    """See `GeneralProof.peak`; moves and clear are shapes."""
+    """Bytes that preparing a general proof takes at most.
+
+    parts : of an interval. moves, clear : the shapes that `shapes` returns.
+    """
     own = place_axes(problem, axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
@@ -151,7 +158,10 @@ class GeneralProof(Images):
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
-        """Make room; `prepare` fills it."""
+        """A proof with room for its arrays, which `prepare` fills; MemoryError where that is too much.
+
+        parts : of an interval.
+        """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
         require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
@@ -180,10 +190,13 @@ class GeneralProof(Images):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of some inputs (M, L) are certified for cells (M, ndim) and steps to go (M,), bool (M, L).
+        """Which of some inputs are certified for cells `some` (M, ndim) at a step: bool (M, L).
 
-        sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of a pool, or none: inputs that stay clear. lines : whether
-        the cells come in lines along the axis `along`, which takes least time.
+        Those that stay clear and lead all of the cell into the set with ahead - 1 steps to go, or into the target
+        itself.
+        ahead (M,) : steps to go; no input for 0. sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of `pool`, or none:
+        then staying clear is enough. among (M, L) bool : the inputs that are asked about. lines : whether the cells
+        come in lines along the axis `along`, which takes least time.
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
         if len(sets) and lines and self.along >= 0:
@@ -209,7 +222,7 @@ class GeneralProof(Images):
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
-        """Write the moves, and the inputs that are clear or arrive."""
+        """Write the moves, the lines, and which inputs are clear or arrive, to an open file."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
         arrays = {name: getattr(self, name) for name in names}
         for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
@@ -238,7 +251,7 @@ class GeneralProof(Images):
 
     @kept
     def layout(self) -> Placed:
-        """Cells by place."""
+        """How cells lie in memory, by place and then by the axes that no place depends on, for compiled code."""
         counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
@@ -255,19 +268,21 @@ class GeneralProof(Images):
         )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
-        """Of the cells that are the first on all axes but `which` (ndim,) bool."""
+        """The flat numbers (n,) of the cells that are the first on all axes but `which` (ndim,) bool."""
         counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> None:
-        """Fill moves, clear and arrives: where each input takes each place, from where it is safe and arrives."""
+        """Fill moves, lines, `clear` and `arrives`, and make them read-only: where each input takes each place, from
+        where it stays clear, and from where it leads into the target. ValueError where a bound is missing.
+        """
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         lattices, drawing, arrivals, in_words = self._lattices(progress), Drawing(self), Arrivals(self), self.met_in_words
         kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Of places, their tubes and their images what the recursion asks for."""
+            """Keep what the recursion asks for of places `some`, their tubes and their images (`Images.fill`)."""
             self._mark_collisions(lattices, start, j, some, tubes)
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
@@ -339,9 +354,11 @@ class GeneralProof(Images):
     def _mark_collisions(
         self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
     ) -> None:
-        """Take away the bit of u_j where its tube may meet an unsafe set or leave by an unsafe end, in some steps.
+        """Take the bit of u_j out of `clear` for cells whose tube may meet an unsafe set or leave by an unsafe end.
 
-        What stands still is met in all of them alike.
+        lattices : of each unsafe set, for each step or one for all. start : of the moves. some (M,) : places, one after
+        the other, and tubes (M, parts, ndim, 2) theirs. In all steps that the moves are for; what stands still is met
+        in all of them alike.
         """
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
@@ -362,13 +379,14 @@ class GeneralProof(Images):
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
-        """`mark_collisions`, of all cells that may differ."""
+        """Take `bit` out of `clear` (cells,) uint8 where tubes of places may meet the set of a lattice, in place."""
         self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
     def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Clear bits once for all cells that differ on axes alone that neither `axes` nor an image depends on.
+        """Let `mark(bits, layout)` take bits out of `clear` (cells,) uint8, once for all cells that are alike to it.
 
-        Cells are in lines along the last of `axes` on which cells at a place differ.
+        These differ only on axes that neither `axes`, those of a set, nor an image depends on. The others come in lines
+        along the last of `axes` on which cells at a place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
@@ -415,7 +433,9 @@ class GeneralProof(Images):
         ]
 
     def goal(self, step: int) -> FloatArray:
-        """Cells inside the target and outside the unsafe set at t_k; at all times where nothing depends on time.
+        """S_k^0, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
+
+        At all times, where nothing depends on time.
 
         With all that a prediction in the cell may stand for, at all times that t_k may be.
         """
@@ -437,7 +457,10 @@ class GeneralProof(Images):
         return self.clear_of(False, self._always, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Which of the cells that are asked for are outside the unsafe sets that move, or stand still: bool."""
+        """Which cells are outside the unsafe sets that move, or that stand still, during `times`: bool (*counts).
+
+        asked (*counts) bool : cells that are looked at; others are False. Sets unsafe under some inputs do not count.
+        """
         out = asked.copy()
         for part in self.problem.unsafe:
             if part.moving == moving and part.inputs is None:
@@ -447,15 +470,16 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Make `cells`, S_k^{n-1}, S_k^n; following is S_{k+1}^{n-1}, which differs from S_{k+1}^{n-2} by `changed`.
+        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are packed, (rows, W) uint64.
 
-        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`.
+        following : S_{k+1}^{n-1}. changed : by which rows and bits it differs from S_{k+1}^{n-2}; None: all may.
+        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`. prepared is not used.
         """
         clear = self.clear[min(step, len(self.clear) - 1)]
         self.add_predecessors(cells, following, step, changed, clear, 1)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to S_k^1 the cells that a clear input leads into the target itself. In place."""
+        """Add to S_k^1, `cells` (rows, W) uint64, the cells that a clear input leads into the target itself."""
         if len(self.arrives):
             arrives, clear = (marks[min(step, len(marks) - 1)] for marks in (self.arrives, self.clear))
             add_marked(cells, clear, arrives, self.sites, self.cells.counts)

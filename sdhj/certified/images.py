@@ -55,7 +55,11 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 
 
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
-    """E (ndim,), by how much a prediction may be off; ValueError where no bound is found."""
+    """E (ndim,), by how much a prediction may be off on each axis; 0 without sensing.
+
+    It is a box with error + delay * D(E) <= E, D as of `_spread`; of constant dynamics as `unknown` says. ValueError
+    where no such box is found within the grid.
+    """
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
         return np.zeros(ndim)
@@ -76,7 +80,11 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
-    """D: how far velocities may be from those without an adversary, within a box around a prediction (ndim,)."""
+    """The function D of half-widths (ndim,) of a box around a prediction: how far velocities in it may be off, (ndim,).
+
+    It bounds |f(q, u, v) - f(p, u, 0)| for all predictions p, states q in the box around p, inputs u and disturbances
+    v.
+    """
     calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
     grid, timed, delay, disturbed = problem.grid, problem.dynamics.timed, problem.sensing.delay, Bounds(problem)
     known = problem.dynamics.reads.any(axis=0)
@@ -93,7 +101,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
-        """Least and greatest velocity near each box, (2, inputs * strides, boxes, ndim)."""
+        """Least and greatest velocity in each box, widened by its travel and `more`: (2, tasks, boxes, ndim)."""
         each = zip(tasks, travel, strict=True)
         found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
@@ -130,11 +138,14 @@ class Proof:
         return np.zeros(len(some), np.int64)
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which of the cells (M, ndim) of the box `image` are in the image of a cell under u_j, (M,) bool: all."""
+        """Which cells (M, ndim) of the box `image` are in the image of a cell (ndim,) under u_j: all, (M,) bool."""
         return np.ones(len(cells), np.bool_)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to S_k^1 the cells that an input leads into the target itself, if a proof knows of such. In place."""
+        """Add to S_k^1, `cells` (rows, W) uint64, the cells that an input leads into the target itself, in place.
+
+        Here nothing: a proof that knows of such cells does it.
+        """
 
     @property
     def rows(self) -> int:
@@ -148,7 +159,7 @@ class Proof:
 
     @property
     def shrinks(self) -> bool:
-        """Whether sets lose cells with every step to go."""
+        """Whether sets lose cells with every step to go, and do not gain them: without a target."""
         return self.problem.has_no_target
 
     @kept
@@ -175,7 +186,7 @@ class Proof:
 
     @kept
     def prediction_error(self) -> FloatArray:
-        """By how much a prediction may be off, (ndim,)."""
+        """E, by how much a prediction may be off, (ndim,); ValueError where no bound is found."""
         return prediction_error(self.problem)
 
 
@@ -197,7 +208,10 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
 def moves_of(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Strides, and the shape of moves, where a place depends on some axes, (ndim,) bool."""
+    """Strides (ndim,), a cell being at the place sum(cell * strides); the shape (starts, L, places, ndim) of moves.
+
+    depends : (ndim,) bool, the axes of a place
+    """
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
     timed = problem.steps if problem.dynamics.timed else 1
@@ -240,7 +254,7 @@ class Images(Proof):
 
     @cached_property
     def layered(self) -> bool:
-        """Whether an axis has layers."""
+        """Whether any axis has layers."""
         return any(any(axis.layers) for axis in self.axes)
 
     @kept
@@ -265,7 +279,7 @@ class Images(Proof):
         return no_lines(len(self.axes))
 
     def moves(self, step: int) -> Moves:
-        """Those of the interval from a step."""
+        """The images of the interval from a step, as arrays for compiled code."""
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
         oblique: Any = read_only(lines.normals.any(axis=0))
@@ -299,7 +313,10 @@ class Images(Proof):
 
     @kept
     def depends(self) -> FloatArray:
-        """Which axes the image along each axis depends on, cells of one place apart: bool (ndim, ndim)."""
+        """depends[i, k], bool (ndim, ndim): whether how far images lie along axis i depends on the cell along axis k.
+
+        By the moves of all inputs and steps; False for axes that are no place's.
+        """
         ndim, own = len(self.axes), self.strides > 0
         moves = np.stack([self.low, self.high], axis=-1).reshape(
             *self.low.shape[:2], *np.where(own, self.cells.counts, 1), ndim, 2
@@ -316,7 +333,10 @@ class Images(Proof):
 
     @kept
     def farthest_moves(self) -> FloatArray:
-        """How far each input leads from any place, or all of them if that is fewer words: (starts, some, 2, ndim)."""
+        """The box, in cells, that each input leads to from any place: (starts, L, 2, ndim) int64, lower and upper end.
+
+        One for all inputs, (starts, 1, 2, ndim), if that has fewer words than they have together.
+        """
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
         whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
         more = np.where(np.arange(len(self.axes)) < self.rows, 1.0, 64.0)  # whole words are marked
@@ -326,7 +346,13 @@ class Images(Proof):
     def add_predecessors(
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
     ) -> None:
-        """`grow`, of the cells with an image that a change of `following` may be in. In place."""
+        """Add to `cells` those of which `following` holds the image under a clear input; or, where sets shrink, take
+        away those without such an input. In place, all sets (rows, W) uint64.
+
+        Only words are asked whose images may hold a change. changed : by which rows and bits `following` has changed;
+        None: all are asked. clear (cells, bytes) uint8 : the bits of clear inputs, or none, and any is. groups : into
+        how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
+        """
         every = range(len(self.axes))
         boxes_alone = not len(self.moves(step).lines) and groups == 1 and clear.size > 0
         if boxes_alone and goes_along(self.problem, self.strides > 0, every):
@@ -353,7 +379,10 @@ class Images(Proof):
         cells[:] = led if self.shrinks else cells | led
 
     def _extended(self, following: FloatArray, step: int) -> FloatArray:
-        """`following`, with what images may hold before and behind it on the last axis if all cells there are alike."""
+        """A set of cells (rows, W), padded on the last axis as far as images reach, so that none wraps or is clipped.
+
+        As it is where cells there are not alike, or images reach farther than the axis is long.
+        """
         moves, count = self.moves(step), self.axes[-1].count
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
         if self.strides[-1] or np.isfinite(self.past).any() or far > count:
@@ -364,15 +393,17 @@ class Images(Proof):
     def fill(
         self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]
     ) -> None:
-        """Fill the moves, and give `use` the start, the input, places, their tubes and where these end (M, ndim, 2).
+        """Compute the moves of all inputs, places and starts, in threads, and write them into `low` and `high`.
 
-        So many pieces a part.
+        pieces : of each part of an interval. use(start, j, places (M,), tubes (M, parts, ndim, 2), last (M, ndim, 2))
+        is called with each that is done, tubes and last being what `swept` returns. ValueError of `swept` and
+        `in_cells`.
         """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
-            """The places of a slab, and their tubes and images under u_j."""
+            """The places (M,) of a slab, and what `swept` returns for them under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)  # obligation 2.13
 
@@ -388,16 +419,22 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """A cell (M, ndim) at each place (M,), the first on the other axes."""
+        """The cell (M, ndim) at each place (M,), the first one on the axes that no place depends on."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """`swept` of cells at some places (M,). On the axes that are carried along they may be anywhere."""
+        """How far the ends of the cells at places (M,) move under u_j in the interval from `time`, s, on: as `swept`.
+
+        On the axes that no place depends on cells may be anywhere. pieces : of each part of the interval.
+        """
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
-        """Cells at some places (M,) and what counts as in them: (2, M, ndim), the axes that are carried along whole."""
+        """Lower and upper ends of the cells at places (M,), with the shell around them: (2, M, ndim).
+
+        On axes that no place depends on, those of the grid.
+        """
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
         for k, (axis, own) in enumerate(zip(self.axes, cells.T, strict=True)):
@@ -407,10 +444,12 @@ class Images(Proof):
         return start
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """How far the ends of boxes (2, M, ndim) move under u_j from a time on, with so many pieces a part.
+        """How far the lower and the upper ends of boxes (2, M, ndim) move under u_j in the interval from `time`, s, on.
 
-        During each part, (M, parts, ndim, 2), and in the whole interval, (M, ndim, 2). On the axes that are
-        carried along a cell begins as a point and the velocity is bounded wherever it may be.
+        The farthest during each part, (M, parts, ndim, 2), and at the interval's end, (M, ndim, 2), whenever that is;
+        with sensing both with E. pieces : into which each part is cut. On the axes that no place depends on a cell
+        begins as a point and the velocity is bounded wherever it may be. ValueError where no bounds are found
+        (`_unbounded`).
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._off(start)
@@ -438,7 +477,10 @@ class Images(Proof):
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _off(self, start: FloatArray) -> FloatArray:
-        """E of boxes (2, M, ndim), by which the state of who is there may be off: (M, ndim). Not along a layer."""
+        """By how much a state may be off a prediction in boxes (2, M, ndim): E, (M, ndim) or (ndim,).
+
+        Of one that remembers 0 along an axis on which the box is a layer.
+        """
         if not self.problem.sensing.remembers:
             return np.broadcast_to(self.prediction_error, start.shape[1:])
         # obligation 2.60
@@ -446,9 +488,11 @@ class Images(Proof):
         return np.where(in_layer, 0.0, self.prediction_error)
 
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
-        """How far to what is carried on, of the ends of images: E less, and to the middle where that is nothing.
+        """How far the ends of boxes `start` move to the points that a controller carries on which remembers: as `last`.
 
-        All of what is held at a wall as a whole, which is known there; and nothing else comes as near to it as a layer.
+        start (2, M, ndim) : the boxes; last (2, M, ndim) : how far their ends move to the image of states. Of this E is
+        taken off at both ends, down to the middle. Not where the image is held at a wall as a whole, which is known;
+        and nothing else comes as near to a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
@@ -464,7 +508,12 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """How far both ends of boxes have moved at the end of a piece, and before it by `moved`: (2, M, ndim)."""
+        """How far both ends of boxes `start` have moved at the end of a piece: (2, M, ndim), as all arguments.
+
+        It is moved + h F, rounded outward, and clipped at walls: F bounds the velocity in the face of a box, that the
+        states stay in, on the side of this end. moved : ... at its begin. before : in the piece before, a first guess.
+        times : when it begins and ends, s, h apart. ValueError where no such box is found.
+        """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
         velocity = self.bounds.velocity(j, enclosure[0], enclosure[1], *times)  # obligation 2.25
@@ -479,14 +528,18 @@ class Images(Proof):
         return self._held(start, after)
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """`moved`, where walls hold back the ends of boxes. In place."""
+        """Clip `moved`, in place and returned, so that boxes `start` + moved end at walls; both (2, M, ndim)."""
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
     ) -> tuple[FloatArray, FloatArray]:
-        """The ends of boxes (2, M, ndim), and boxes that the state stays in for a piece of length h."""
+        """Where boxes are at the begin of a piece, start + moved, and boxes that states stay in for its length h, s.
+
+        Arguments, and both results, (2, M, ndim), as of `_piece`. Found by trying larger boxes until X + [0, h] V is
+        inside; ValueError (`_unbounded`) after `TRIES`.
+        """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
         for _ in range(TRIES):
@@ -504,8 +557,9 @@ class Images(Proof):
         raise self._unbounded(j, ends, enclosure, times)
 
     def _unbounded(self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]) -> ValueError:
-        """The error where no boxes are found that the states in `ends` stay in: `enclosure` was tried; both (2, M,
-        ndim).
+        """The error, to be raised, where no boxes are found that the states in boxes `ends` stay in under u_j.
+
+        enclosure : what was tried last; both (2, M, ndim). It names the velocity that has no bound, or the widest box.
         """
         names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
         for boxes in (ends, enclosure):
@@ -526,7 +580,10 @@ class Images(Proof):
         )
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
-        """The cells, from their own on, that hold cells at places (M,) whose ends have moved: two (M, ndim)."""
+        """The first and last cell, from their own on, that hold cells at places (M,) whose ends moved: two (M, ndim).
+
+        moved (M, ndim, 2) : how far the lower and upper ends moved. ValueError for moves of more than int16 cells.
+        """
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):
             known = bool(self.strides[axis] > 0)
@@ -536,12 +593,18 @@ class Images(Proof):
         return low, high
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """`Bounds.signs` of a level set in every cell, broadcastable to the cells."""
+        """1 where a set's level-set function is > 0 in all of a cell during `times`, -1 where it is <= 0, else 0: int8.
+
+        Cells with the shell and E around them; broadcastable to the cells of all axes. times : from s to s.
+        """
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """`Bounds.outside` of an unsafe set in cells of its axes that are asked for, broadcastable to the cells."""
+        """Whether a set is surely not met in each cell, with shell and E around it, during `times`, s to s: bool.
+
+        Broadcastable to the cells. asked : which cells of the set's axes are looked at; False in others.
+        """
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 

@@ -17,7 +17,7 @@ LABELS = ("certified", "not certified", "outside")
 
 
 def same_game(table: Table, certified: Table) -> None:
-    """ValueError where tables are of different games; the nodes and the view-time of the solver may differ."""
+    """Raise ValueError if tables are of different games; the nodes and the view-time of the solver may differ."""
     one, other = table.problem, certified.problem
     if one.digest != other.digest and not _alike(one, other, but=("shape", "view_time")):
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
@@ -32,7 +32,9 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 
 
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...] = ()) -> bool:
-    """Whether problems differ by the rounding of two machines at most, and in the numbers that `but` names."""
+    """Whether problems without black boxes are the same up to the rounding of two machines, and up to the entries of
+    `ReachAvoidProblem.numbers` that `but` names.
+    """
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs", *but))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
     same = same and len({repr(each.numbers | each.numbers["grid"] | drop) for each in (one, other)}) == 1

@@ -54,7 +54,10 @@ class LosingProof(Images):
 
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
-        """Make room; `prepare` fills it. ValueError where the adversary has too many vertices or ends are safe."""
+        """A proof with room for its moves, which `prepare` fills, of a problem's cells and `parts` of an interval.
+
+        ValueError where the adversary has too many vertices or ends are safe, MemoryError where moves do not fit.
+        """
         if problem.grid.has("frees"):
             raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
         bounds = np.array(problem.dynamics.bounds.outputs, dtype=object).reshape(problem.dynamics.bounds.shape)
@@ -79,13 +82,13 @@ class LosingProof(Images):
         return np.stack(self.problem.grid.faces("fails"))
 
     def prepare(self, progress: bool | None) -> None:
-        """Fill the moves."""
+        """Fill the moves of every input and vertex."""
         self.fill(1, progress, lambda *_: None)
         read_only((self.low, self.high))
 
     @kept
     def inside(self) -> list[FloatArray]:
-        """Cells inside the unsafe set at each t_k, packed; one for all where nothing of it moves."""
+        """Cells wholly inside the unsafe sets at each t_k, each (rows, W) uint64; one for all where no set moves."""
         always = [part for part in self.problem.unsafe if part.inputs is None]  # of others a state is not lost
         moving = [part for part in always if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
@@ -98,7 +101,10 @@ class LosingProof(Images):
         return out
 
     def goal(self, step: int) -> FloatArray:
-        """Lost_k^0; at all times where nothing depends on time."""
+        """Lost_k^0, packed (rows, W) uint64: cells inside G(t_k), and those outside L(t_k).
+
+        At all times, where nothing depends on time.
+        """
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
             return inside
@@ -107,7 +113,11 @@ class LosingProof(Images):
         return inside | to_words(whole)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Make `cells`, Lost_k^{n-1}, Lost_k^n; following is Lost_{k+1}^{n-1}, which differs by `changed`."""
+        """Turn `cells`, Lost_k^{n-1}, into Lost_k^n, in place; both and `following` are packed, (rows, W) uint64.
+
+        following : Lost_{k+1}^{n-1}. changed : by which rows and bits it differs from Lost_{k+1}^{n-2}. prepared is not
+        used.
+        """
         inside = self.inside[min(step, len(self.inside) - 1)]
         if self.shrinks:
             cells &= ~inside  # is lost wherever it is led

@@ -50,7 +50,7 @@ class Lines(NamedTuple):
 
 
 def no_lines(ndim: int) -> Lines:
-    """Images are boxes."""
+    """No lines: all images are boxes."""
     nothing = np.zeros((0, ndim)), np.zeros((2, ndim), np.int64), np.zeros((0, 0, 0, 0, 2), np.int16)
     return Lines(*read_only(nothing))
 
@@ -90,11 +90,14 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
 def rates_along(
     bounds: Bounds, normals: FloatArray, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Least and greatest n . f under u_j in boxes (M, ndim) and an interval of time: (2, M, K)."""
+    """Least and greatest n . f under u_j, for each of K normals n, in boxes (M, ndim) and `times`: (2, M, K).
+
+    f is the velocity with any disturbance, of a nonlinear v with any in the pieces that its bounds are cut into.
+    """
     dynamics, grid = bounds.problem.dynamics, bounds.problem.grid
 
     def bounded(low: FloatArray, high: FloatArray) -> Ends:
-        """They, over boxes within the grid."""
+        """Least and greatest n . f over boxes (n, ndim) within the grid: two (n, K)."""
         if dynamics.gain is None:
             # obligation 2.48
             pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
@@ -115,7 +118,7 @@ def rates_along(
 
 
 def _component(normals: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest n . x of boxes (M, ndim), rounded outward: both (M, K)."""
+    """Least and greatest n . x over boxes (M, ndim) for each of K normals, rounded outward: both (M, K)."""
     with np.errstate(invalid="ignore"):
         ends = np.stack([low[:, None] * normals, high[:, None] * normals])
     ends = np.where(normals == 0.0, 0.0, ends)
@@ -123,7 +126,7 @@ def _component(normals: FloatArray, low: FloatArray, high: FloatArray) -> tuple[
     return ends.min(axis=0).sum(axis=2) - more, ends.max(axis=0).sum(axis=2) + more
 
 
-def leaned(
+def changes_along(
     bounds: Bounds,
     normals: FloatArray,
     j: int,
@@ -132,8 +135,9 @@ def leaned(
     begin: float,
     duration: float,
 ) -> FloatArray:
-    """How far the states of boxes (2, M, ndim) may get along normals in an interval: (2, M, K).
+    """The least and the most that n . x may change for states of boxes (2, M, ndim) in an interval: (2, M, K).
 
+    The sum over the parts of length * (bounds on n . f in the part's tube), rounded outward.
     tubes (M, parts, ndim, 2): how far the ends of the boxes move in each part. begin, duration: of the interval, s;
     what the parts take is no difference of times, which are rounded as late as they are.
     """
@@ -154,10 +158,14 @@ def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
     return int(np.where(oblique[:-1], numbers, 1).prod(axis=1).max())
 
 
-def drawn(
+def lines_in_boxes(
     axes: Sequence[CellAxis], normals: FloatArray, low: FloatArray, high: FloatArray, far: FloatArray
 ) -> FloatArray:
-    """The lines (M, rows, 2) int16 of images in boxes of cells (M, ndim) that get so far along normals, (2, M, K)."""
+    """The lines (M, rows, 2) int16 of images: in each row of boxes of cells the first and last between the planes.
+
+    low, high (M, ndim) : the boxes, from a cell's own on. far (2, M, K) : how far states get along each normal, at
+    least and at most.
+    """
     out = np.zeros((len(low), rows_of(normals, low, high), 2), np.int16)
     width, scale = (np.array([float(getattr(axis, name)) for axis in axes]) for name in ("width", "scale"))
     boxes = [np.ascontiguousarray(end, dtype=np.int64) for end in (low, high)]
@@ -166,7 +174,11 @@ def drawn(
 
 
 def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
-    """By how many cells tubes (M, parts, ndim, 2) and boxes of cells get beyond a cell, and two more: (2, ndim)."""
+    """By how many cells, and two more, anything gets below and above a cell: `Lines.halo`, (2, ndim) int64.
+
+    0 on periodic axes, and on those along which no normal has a part. tubes (M, parts, ndim, 2) : how far the ends of
+    cells move. ends : low and high, (M, ndim) each, of boxes of cells.
+    """
     width = np.array([float(axis.width) for axis in axes])
     low, high = ends
     back = np.maximum(-tubes[..., 0].min(axis=(0, 1)) / width, -low.min(axis=0))
@@ -177,7 +189,7 @@ def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, en
 
 
 class Drawing:
-    """The lines of a proof's images, put together place by place."""
+    """Computes the lines of a proof's images, place by place, while the proof is prepared."""
 
     def __init__(self, proof: Any) -> None:
         """No lines yet, along the normals of a proof that is being prepared."""
@@ -186,7 +198,10 @@ class Drawing:
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
 
     def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
-        """Draw the lines of places (M,), whose moves are known, by their tubes (M, parts, ndim, 2) under u_j."""
+        """Draw the lines of places (M,), whose moves are known, by their tubes (M, parts, ndim, 2) under u_j.
+
+        Where there are too many, or a row goes once around an axis, images stay boxes: all normals are dropped.
+        """
         proof, normals = self.proof, self.normals
         if not len(normals):
             return
@@ -197,13 +212,13 @@ class Drawing:
             self.normals = normals[:0]
             return
         times = proof.problem.time(start), proof.problem.sensing.hold(proof.problem.delta)[0]
-        far = leaned(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
-        self.found[start, j, int(some[0])] = drawn(proof.axes, normals, low, high, far)
+        far = changes_along(proof.bounds, normals, j, proof.boxes(some), tubes, *times)
+        self.found[start, j, int(some[0])] = lines_in_boxes(proof.axes, normals, low, high, far)
         self.halo = np.maximum(self.halo, halo_of(proof.axes, normals, tubes, (low, high)))
 
     @property
     def lines(self) -> Lines:
-        """Those of all places."""
+        """The lines of all places that were added, padded to as many rows as the largest has."""
         if not len(self.normals):
             return no_lines(len(self.proof.axes))
         rows = max(one.shape[1] for one in self.found.values())
@@ -214,7 +229,7 @@ class Drawing:
 
 
 def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> int:
-    """What the lines of images take at most, in memory and while they are drawn."""
+    """Bytes that the lines of images take at most, while they are drawn too; 0 without normals (`normals_of`)."""
     return 8 * MOST_LINES if len(normals_of(problem, axes, depends)) else 0
 
 

@@ -202,7 +202,11 @@ class Certified(Options):
                 raise ValueError(f"cells must be {fits}, got {reprlib.repr(self.cells)}") from None
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
-        """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve."""
+        """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve.
+
+        ValueError if the cells, or the solve's cost, do not fit the problem, MemoryError if they do not fit into
+        memory.
+        """
         proof = self.proof(problem)
         begin(partial(cost_in_cells, proof), problem.steps is None)
         return CellSets(proof, progress)
@@ -244,13 +248,13 @@ class Certified(Options):
         return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
-        """The proof of a problem, not yet prepared."""
+        """The proof of a problem, not yet prepared: that of the arm's case study, or the general one."""
         kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
         kind = ArmProof if as_built(problem) else GeneralProof
         return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """The cells of each axis: about `cells`, or as many as are chosen."""
+        """The cells of each axis: about `cells`, or as many as are chosen; ValueError for a wrong number of axes."""
         cells = self.cells
         if cells is None:
             cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)
@@ -260,7 +264,7 @@ class Certified(Options):
 
 
 def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
-    """The cost of a solve, in the operations of `sdhj.problem.cost`, kept in memory."""
+    """The `Cost` of a solve with the cells of a proof, by the model of cells, in operations of `sdhj.problem.cost`."""
     problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
     count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
     tubes = steps if problem.time_invariant else steps * (steps + 1) // 2

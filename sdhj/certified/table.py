@@ -102,7 +102,7 @@ class CertifiedTable(Table):
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
         """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,).
 
-        A state is in a set that is off it by no more than slack (ndim,).
+        A state is in a set that is off it by no more than slack (ndim,). ValueError where states do not fit.
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -130,18 +130,21 @@ class CertifiedTable(Table):
         return out
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether predictions (M, ndim) are in no certified cell, (M,)."""
+        """Whether predictions (M, ndim) are in no certified cell of the tube (start, within), (M,) bool."""
         place = self.tube_index(start, within)
         return self._fewest(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
-        """Whether a cell (ndim,) is certified."""
+        """Whether a cell (ndim,) int64 is certified for the entry (start, within)."""
         place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
 
     def around(self, states: FloatArray) -> FloatArray:
-        """Points (M, V, ndim) in every cell in which a measurement of the states (M, ndim) may lie."""
+        """Points (M, V, ndim) of the box E around states (M, ndim), one at least in every cell that the box overlaps.
+
+        At bounded ends they are clipped. So a set of cells that has all of them has whatever may be measured.
+        """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
             width, x = float(own.width), states[:, axis, None]
@@ -156,7 +159,11 @@ class CertifiedTable(Table):
         return self.grid.clipped(found, "holds", "fails")
 
     def as_level_set(self, within: int | None) -> BlackBox:
-        """-1 in the cells that are certified within so many steps, or all, 1 elsewhere: see `TargetSet.from_table`."""
+        """The level-set function that is -1 in the cells certified within so many steps, by default all, 1 elsewhere.
+
+        At t_k of the tube of step k, at other times 1 everywhere, unless nothing depends on time. ValueError if
+        `within` is none from 0 to N.
+        """
         return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
@@ -210,7 +217,7 @@ class CertifiedTable(Table):
         return out
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
-        """`steps_to_go` of all states of cells (M, ndim): (M,)."""
+        """The fewest steps certified for all states of cells (M, ndim) at a step: (M,), N - step + 1 for none."""
         last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
         first = last if self.problem.has_no_target else self.tube_index(step, 0)
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
@@ -219,9 +226,11 @@ class CertifiedTable(Table):
     def inputs_of(
         self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
-        """Which inputs (M, L) are certified from all states of cells (M, ndim) for steps to go (M,), none where 0.
+        """Which inputs are certified from all states of cells (M, ndim) for steps to go `ahead` (M,): bool (M, L).
 
-        among (M, L): the inputs that are asked about. lines: see `GeneralProof.inputs`.
+        None for 0 steps to go, and at the last step. among (M, L) bool : the inputs that are asked about, by default
+        all.
+        lines : whether the cells come in lines along `proof.along`, which takes least time.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
@@ -237,8 +246,10 @@ class CertifiedTable(Table):
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The ends of the cells that points (M, ndim) are proved to lead to under inputs (M,): both (M, ndim).
+        """The box in which a controller that remembers goes on, and how far from it the next measurement may be.
 
+        Its lower and upper corners, (M, ndim) each: the ends of the cells that points (M, ndim) at a step are proved to
+        lead to under inputs (M,); NaN off the grid. Last 2 E, or E where the point is known to be at a wall: (M, ndim).
         Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
@@ -252,9 +263,11 @@ class CertifiedTable(Table):
         return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 
     def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The cells of `next_bounds`, of the points that are on the grid: rows (R,), the first and the last (R, ndim).
+        """The cells that points (M, ndim) at a step lead to under inputs (M,): which points these are, rows (R,), those
+        on the grid, and the first and the last cell of each image (R, ndim).
 
-        Of the cells in which an input is proved it goes by the one with the fewest steps to go.
+        Of the cells that a point is near to it goes by the one in which its input is proved with the fewest steps to
+        go.
         """
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
@@ -300,12 +313,12 @@ class CertifiedTable(Table):
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Steps to go minus `within`, (M, V): <= 0 in the tube."""
+        """Certified steps to go of points (M, V, ndim) minus within (M,): (M, V), <= 0 in the tube."""
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """< 0 where an input is proved to stay clear from the cell of a state, else > 0.
+        """Values (M, L), < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
         How clear is measured by the level-set functions where the input leads without an adversary; it proves nothing.
         """
@@ -317,8 +330,9 @@ class CertifiedTable(Table):
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """The `Table.answers` from the words of the states' cells; only certified inputs are safe.
+        """The answers for states (M, ndim) at a step, by the words of their cells; only certified inputs are safe.
 
+        within, scores (M, L) : as in `Table.answers`.
         `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
         target there may be no input that is proved to bring the state back into it one step later. At the
         end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
@@ -346,12 +360,12 @@ class CertifiedTable(Table):
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """The safe input of least score, of equals that of least margin; `Batch.best` where none is safe."""
+        """For each state the safe input of least score (M, L), of equals of least margin; or `Batch.best`: (M,)."""
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Every input: it has been proved."""
+        """Whether each input passes the check against the true sets: all True, (M,), as safe inputs are proved."""
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
@@ -443,7 +457,7 @@ class CertifiedTable(Table):
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to a file; replaces it, whole or not at all."""
+        """Write the table to an HDF5 file; replaces it, whole or not at all. OSError if it cannot be written."""
         cells = {
             "kind": self.proof.kind,
             "shape": self.shape,
@@ -462,7 +476,7 @@ class CertifiedTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """The table in an open file of this problem that tells so; ValueError where they do not fit together."""
+        """Read the table of this problem from an open file with this head; ValueError if they do not fit together."""
         cells = head["cells"]
         every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
         each = zip(every, cells["widths"], cells["shape"], layers, strict=True)
@@ -484,7 +498,7 @@ class CertifiedTable(Table):
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
-    """Outer product of vectors, one axis for each, as one row."""
+    """The outer product of vectors, of lengths n1, n2, ..., flat: (n1 n2 ...,), the last fastest."""
     return reduce(np.multiply.outer, factors, np.ones(())).ravel()
 
 
@@ -496,7 +510,7 @@ class CellSets:
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
-        """Prepare a proof; no entry is filled in yet."""
+        """Prepare a proof, which takes about half of a solve; no entry is filled in yet."""
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -504,12 +518,12 @@ class CellSets:
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
     def goal(self, step: int) -> None:
-        """S_k^N = L(t_k) minus G(t_k)."""
+        """Begin row k = step: keep S_k^0, the cells inside L(t_k) and outside G(t_k), as the entry (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
-        """Entry (step, within) from (step, within - 1) and (step + 1, within - 1)."""
+        """Compute and keep the entry (step, within), from (step, within - 1), kept last, and (step + 1, within - 1)."""
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
@@ -522,25 +536,28 @@ class CellSets:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether entry (step, within) is the one of (step, within - 1)."""
+        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1)."""
         return not self._added(step, within)[0].size
 
     def share(self, step: int, within: int) -> None:
-        """Entry (step, within) is the one of (step, within - 1)."""
+        """Let the entry (step, within) be that of (step, within - 1), uncomputed; the sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
-        """Keep the words of an entry that changed, for the next step."""
+        """Keep, as the entry (step, within), the rows of the set at hand that `changed` (rows,) bool says."""
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
     def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
-        """The rows that an entry changed, and their words."""
+        """The rows (R,) in which an entry differs from the one of a step less, and their words (R, W)."""
         return self.added[0 if self.time_invariant else step, within]
 
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
-        """The table; to `details` is added what there is to say of the cells."""
+        """The table of all entries, with these details and facts on its cells; the entries are used up.
+
+        Warns where a problem without a number of steps has not settled.
+        """
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
         if problem.steps is None:
@@ -564,7 +581,7 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """The cells that are surely lost, as a table of which `contains`, `bits` and `fraction` tell the lost cells.
+    """The cells that are surely lost, as a table whose `contains`, `bits` and `fraction` speak of the lost cells.
 
     Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
     """
@@ -575,7 +592,11 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
 
 
 def _cells(table: CertifiedTable, within: int) -> BlackBox:
-    """Of a certified table: -1 in its certified cells, 1 elsewhere."""
+    """The level-set function that is -1 in the cells certified within so many steps, 1 elsewhere, as a `BlackBox`.
+
+    At t_k of step k; at other times 1 everywhere, unless nothing depends on time. It has bounds over boxes, from which
+    a proof can go on. ValueError from the bounds where the tube depends on time and an interval is asked about.
+    """
     problem = table.problem
 
     def step_at(t: float) -> int | None:
@@ -592,7 +613,9 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
         return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds over boxes: (-1, -1) in certified cells only, (1, 1) in none, else (-1, 1)."""
+        """Bounds, both (M,), over boxes (M, ndim) and [t0, t1]: -1 and -1 in certified cells only, 1 and 1 in none,
+        else -1 and 1. ValueError if the tube depends on time and t0 < t1.
+        """
         if t0 != t1 and not problem.time_invariant:
             raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")
         step = step_at(t0)

@@ -42,7 +42,12 @@ class ProvedBatch(Batch):
 def margins_of(
     table: Any, states: FloatArray, step: int, ahead: FloatArray, safe: FloatArray, moves: FloatArray, rows: FloatArray
 ) -> FloatArray:
-    """Margins (M, L) of states (M, ndim) whose undisturbed successors are states + moves[rows]."""
+    """The margin of each safe input of states (M, ndim) at a step, +inf for others: (M, L).
+
+    It is min(steps to go of the undisturbed successor - (ahead - 1), 0); past a safe end there are 0 steps to go.
+    ahead (M,) : the steps to go by which inputs were judged. safe (M, L) bool. moves (R, L, ndim), rows (M,) : the
+    successors of state m are states[m] + moves[rows[m]].
+    """
     margins = np.full(safe.shape, np.inf)
     pairs, inputs = np.nonzero(safe)
     if pairs.size:
@@ -63,11 +68,12 @@ def words_of(
     among: FloatArray | None = None,
     lines: bool = False,
 ) -> FloatArray:
-    """The words (M, ...) uint32 of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them.
+    """The words (M, 2 + ceil(L / 32)) uint32 of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them.
 
-    Of each cell the inputs that leave max(steps to go, within) - 1 steps, or those that stay `CLEAR`. A built-in rule
-    is asked at the cell's centre; without a rule no input is preferred. among: words with all inputs to be asked about.
-    lines: see `GeneralProof.inputs`.
+    Of each cell the inputs that leave max(steps to go, within) - 1 steps or, where `within` is `CLEAR`, those that stay
+    clear. A built-in rule is asked at the cell's centre; without a rule the first proved input is preferred. Cells that
+    are not certified have `NOTHING`. among : words of the same cells; only their inputs are asked about. lines :
+    whether cells come in lines, as for `GeneralProof.inputs`.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -97,7 +103,11 @@ def inputs_in(words: FloatArray, count: int) -> FloatArray:
 def chosen_of(
     table: Any, cells: FloatArray, step: int, ahead: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
 ) -> FloatArray:
-    """Which of the safe inputs (M, L) a rule prefers at the centres of cells (M, ndim); -1 where there is none."""
+    """Which of the safe inputs (M, L) a rule prefers at the centres of cells (M, ndim): (M,), -1 where none is safe.
+
+    ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest. A rule that is a tuple of all
+    inputs prefers the first of them that is safe; None, the one of least number.
+    """
     count = safe.sum(axis=1)
     chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
     some = np.flatnonzero(count > 1)
@@ -131,7 +141,7 @@ def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
 
 
 class Words:
-    """The words of a table that were asked for, a layer for each step, within and rule."""
+    """The words of a certified table that have been asked for, by step, within and rule (`Layer`)."""
 
     def __init__(self) -> None:
         """No words are known yet."""
@@ -144,7 +154,10 @@ class Words:
     def look(
         self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Steps to go (M,), proved inputs (M, L) and the preferred ones (M,) of states (M, ndim); -1 is none."""
+        """Steps to go (M,), proved inputs (M, L) and the preferred ones (M,) of states (M, ndim); -1 is none.
+
+        Of each state by the words of all cells that it is within the shell of; words that are not known yet are made.
+        """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
         key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
@@ -163,19 +176,23 @@ class Words:
 
 
 class Layer:
-    """Words by the number of their cell, in a hash table. Several threads may ask it."""
+    """The words of one step, within and rule in a hash table, by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
-        """A table of words with so many bytes, in which none is known."""
+        """A hash table of words of `width` numbers (uint32), in which none is known."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
-        """Forget all words, and make a hash table of so many slots for words of some width."""
+        """Forget all words, and make a hash table of so many slots, a power of two, for words of `width` numbers."""
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
     def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
-        """Fill in `out` of `sdhj.kernels.words.look_up`."""
+        """Fill in the answers of states (M, ndim), and make the words that are missing.
+
+        key : (start, within, rule) of this layer. most : words of more steps say nothing. out : (to_go (M,), safe
+        (M, L), chosen (M,)), to be written.
+        """
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)
         with self.lock:
@@ -189,7 +206,10 @@ class Layer:
                 look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep words, and make room for them."""
+        """Keep words `made` (n, width) of the cells of `numbers` (n,), and make room for them.
+
+        At `MOST_SLOTS` slots, half of which are used, all earlier words are forgotten.
+        """
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:
             slots *= 2

@@ -33,7 +33,9 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace that is under way in this thread."""
+    """The trace that is under way in this thread, each thread having its own: its number, what it has refused,
+    and how many entries it has computed.
+    """
 
     trace: int | None = None  # its number: arrays of another trace do not belong in it
     refused: list[tuple[str, str]]  # what, and where
@@ -59,10 +61,12 @@ class NotTraced(ValueError):
     """
 
     def __init__(self, what: str, instead: str = "") -> None:
-        """Say what cannot be traced and what to write instead, and remember it with its place in the user's code."""
+        """Make the message "what; instead", and note it, with its place in the user's code, among what the trace
+        has refused.
+        """
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
-            state.refused.append((str(self), _place()))
+            state.refused.append((str(self), _users_line()))
 
 
 @functools.cache
@@ -71,8 +75,10 @@ def installed(file: str) -> bool:
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
 
-def _place() -> str:
-    """File and line of the user's frame that is at work: the innermost one that is not installed."""
+def _users_line() -> str:
+    """File and line, in words, of the innermost frame at work that is neither this package's nor installed: the
+    user's.
+    """
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
     written = [one for one in ours if one.line]  # not what dataclasses have made of a text
@@ -80,7 +86,9 @@ def _place() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Let errors of a method become `NotTraced`, so that a user's function that catches them is refused too."""
+    """A method whose errors become `NotTraced`, which notes them: a user's function that catches them is refused
+    too.
+    """
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
@@ -124,23 +132,26 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
-    """The error for a function that formulas do not know, with what to write instead."""
+    """A `NotTraced` to be raised for a function `module.name` that formulas do not know with these options, with
+    what to write instead (`ADVICE`).
+    """
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 def _refused(what: str, instead: str) -> Any:
-    """A function that raises `NotTraced` with what was done and what to write instead."""
+    """Make a method that raises `NotTraced` with what was done and what to write instead, whatever it is given."""
 
     def refuse(*_: Any, **__: Any) -> Any:
-        """Raise it."""
+        """Raise `NotTraced(what, instead)`."""
         raise NotTraced(what, instead)
 
     return refuse
 
 
 class Traced(NDArrayOperatorsMixin):
-    """An array of nodes that behaves as NumPy's array of the values would, or refuses.
+    """An array of nodes that behaves as NumPy's array of the values would, or refuses: operations on it make nodes, and
+    what depends on values, as a decision does, raises NotTraced.
 
     Its `entries` are an object array of Node, read-only where NumPy has an argument, or a number that is no array; its
     `dtype` is what NumPy's array has, one of float64, int64 and bool.
@@ -149,14 +160,16 @@ class Traced(NDArrayOperatorsMixin):
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
-        """An array of these nodes; NotTraced for numbers other than floats, whole numbers and truth values."""
+        """An array of these nodes; NotTraced for a type other than float64, int64 and bool."""
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
-        """The type of NumPy's that it stands for, so that `isinstance` answers as for that."""
+        """NumPy's type that it stands for, an array or, for a number, a scalar, so that `isinstance` answers as
+        for that.
+        """
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
 
@@ -178,11 +191,11 @@ class Traced(NDArrayOperatorsMixin):
     )
 
     def __repr__(self) -> str:
-        """Its shape: there are no values."""
+        """A text with its shape, as there are no values."""
         return f"<traced array of shape {self.shape}>"
 
     def __len__(self) -> int:
-        """Entries of the first axis."""
+        """The length of the first axis."""
         return len(self.entries)
 
     def __iter__(self) -> Iterator["Traced"]:
@@ -191,14 +204,16 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __getitem__(self, at: Any) -> "Traced":
-        """Some entries; NotTraced where the values decide which."""
+        """The entries at an index, as NumPy has them; NotTraced where values, traced ones, decide which."""
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
     @noted
     def __setitem__(self, at: Any, value: Any) -> None:
-        """Write entries, under a mask as a choice between old and new; NotTraced where that is no formula."""
+        """Write entries in place, under a mask as a choice between old and new; NotTraced for an argument of the
+        function, and where values decide otherwise.
+        """
         if not self.entries.flags.writeable:
             raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
         value = written_as(traced_array(value), self.dtype).entries
@@ -212,8 +227,10 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """A NumPy function, entry by entry or reduced over an axis, as nodes; NotTraced if it has no rule."""
-        options = _given(options)
+        """A ufunc of NumPy, called or reduced, as nodes: entry by entry, written into `out` if given; NotTraced
+        if it has no rule.
+        """
+        options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
             raise NotTraced("a call of compiled code", UNCOMPILED)
         if method == "reduce" and ufunc in REDUCED and out is None:
@@ -229,31 +246,35 @@ class Traced(NDArrayOperatorsMixin):
         if method == "outer":
             arrays[0] = arrays[0].reshape(*arrays[0].shape, *[1] * arrays[1].ndim)
         answer = _computed(ufunc, arrays, _type_of(ufunc, inputs))
-        return _number(answer) if out is None or out[0] is None else _put(answer, out[0])
+        return _sealed_number(answer) if out is None or out[0] is None else _written_into(answer, out[0])
 
     @noted
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         """Any other NumPy function, by `FUNCTIONS` or as one that moves entries; NotTraced if it is neither."""
         if function in FUNCTIONS:
             try:
-                return FUNCTIONS[function](*args, **(options := _given(options)))
+                return FUNCTIONS[function](*args, **(options := _without_defaults(options)))
             except TypeError as error:
                 raise _unknown(function.__name__, options) from error
         if function not in PLACED or options.keys() & {"out", "dtype", "casting", "mode"}:
             raise _unknown(function.__name__, options, function.__module__)
         joined = args[0] if function in JOINING else args[:2] if function is np.append else [self]
         kind = np.result_type(*map(weak_type, joined))
-        return _wrapped(function(*map(_inside, args), **{name: _inside(one) for name, one in options.items()}), kind)
+        return _wrapped(
+            function(*map(_with_entries, args), **{name: _with_entries(one) for name, one in options.items()}), kind
+        )
 
     @noted
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
-        """As NumPy's; a whole number of a number is refused."""
+        """The array as another type; a copy, or itself where `copy` is False and it is of it. NotTraced for a
+        float as a whole number, and for other types.
+        """
         if not copy and np.dtype(dtype) == self.dtype:
             return self
         return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
-        """A copy, to be written without changing this one."""
+        """A copy with entries of its own, in that memory order, that can be written."""
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
@@ -276,12 +297,12 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """A method of arrays that moves entries and computes nothing, by its name."""
+        """What a method `name` of NumPy's arrays returns that moves entries and computes nothing."""
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
-def _given(options: dict[str, Any]) -> dict[str, Any]:
-    """Options without `DEFAULTS`."""
+def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
+    """The options that matter: without those that are not given or are `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
@@ -293,32 +314,38 @@ def holds_traced(value: Any) -> bool:
     return isinstance(value, Traced)
 
 
-def _inside(value: Any) -> Any:
-    """Arguments of a function that moves entries."""
+def _with_entries(value: Any) -> Any:
+    """An argument of a function that moves entries: a traced array as its object array of nodes, in lists too;
+    others unchanged.
+    """
     if isinstance(value, list | tuple):
-        return type(value)(map(_inside, value)) if holds_traced(value) else value
+        return type(value)(map(_with_entries, value)) if holds_traced(value) else value
     return entries_of(value) if isinstance(value, Traced) else value
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """Arrays of nodes, a node, or lists of such, as traced arrays."""
+    """The answer of a NumPy function, an object array of nodes or numbers, a single one, or lists of such, as
+    traced arrays of this dtype.
+    """
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
     if isinstance(answer, np.ndarray):
         nodes = answer.dtype == object and all(isinstance(one, Node) for one in answer.flat)
         return Traced(answer if nodes else _nodes_of(answer), dtype)
-    return _number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
+    return _sealed_number(Traced(_nodes_of(np.array(answer, dtype=object)), dtype))
 
 
-def _number(array: Traced) -> Traced:
-    """A traced array; of no dimensions, as NumPy returns numbers, one that cannot be written."""
+def _sealed_number(array: Traced) -> Traced:
+    """A traced array itself; if it has no dimensions it is made read-only, in place, as NumPy then returns numbers."""
     if not array.ndim:
         array.entries.setflags(write=False)
     return array
 
 
 def _nodes_of(array: Any) -> Any:
-    """Numbers and nodes (any shape) as nodes; a zero that may be negative as `ZERO_OF_ANY_SIGN`."""
+    """An array of numbers and nodes as an object array of nodes, of its shape; while tracing, a zero that is -0.0
+    as `ZERO_OF_ANY_SIGN`.
+    """
     out = np.empty_like(array, dtype=object, subok=False)
     values = array.ravel().tolist()
     known = state.trace is not None
@@ -329,7 +356,9 @@ def _nodes_of(array: Any) -> Any:
 
 
 def traced_array(value: Any) -> Traced:
-    """A value as a traced array: a traced or plain array, a number, or a list of them."""
+    """A value as a traced array: a traced or plain array, a number, or a list of them. NotTraced for what is left
+    from another trace, and for what is no real numbers.
+    """
     if isinstance(value, Traced):
         if value.trace != state.trace:
             raise NotTraced("an array that was kept from another call", "compute it anew")
@@ -358,12 +387,14 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """An object array of nodes of what a function computes with."""
+    """The entries, an object array of nodes, of a value as `traced_array` takes it."""
     return traced_array(value).entries
 
 
 def weak_type(value: Any) -> Any:
-    """The dtype of an operand; int or float for a Python number, which takes that of other operands."""
+    """What stands for an operand in NumPy's type promotion: its dtype; for a Python int or float, or a traced
+    float of no dimensions, a number, which takes the type of others.
+    """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
     if isinstance(value, list | tuple) and holds_traced(value):
@@ -372,7 +403,7 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype that NumPy gives an answer."""
+    """The dtype of the answer that NumPy's ufunc gives for such inputs."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
@@ -380,21 +411,25 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 
 def written_as(array: Traced, dtype: Any) -> Traced:
-    """An array as what is written into another of some dtype."""
+    """An array as it is when written into one of some dtype; NotTraced for a float as a whole number, and for
+    other types.
+    """
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
     if dtype == TRUTH:
-        return Traced(_true(array), TRUTH)
+        return Traced(_truths(array), TRUTH)
     instead = "np.floor or np.trunc makes a number whole" if dtype == WHOLE else "formulas compute with float64"
     raise NotTraced(f"a conversion of {array.dtype} to {dtype}", instead)
 
 
-def _put(answer: Traced, out: Any) -> Traced:
-    """An answer written into an array, as by `out=` and +=."""
+def _written_into(answer: Traced, out: Any) -> Traced:
+    """Write an answer into `out` in place, as by `out=` and +=, and return it; the answer itself for a number of
+    no dimensions. NotTraced for a plain array or another kind of numbers.
+    """
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
     if not out.ndim and not out.entries.flags.writeable:  # x += 1 of a number
-        return _number(answer)
+        return _sealed_number(answer)
     if not np.can_cast(answer.dtype, out.dtype, "same_kind"):
         raise NotTraced(f"writing numbers of type {answer.dtype} into an array of {out.dtype}")
     out[...] = answer
@@ -406,7 +441,9 @@ def _put(answer: Traced, out: Any) -> Traced:
 
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
-    """A function of each entry, arrays broadcast; the answer lies in memory as a ufunc's does."""
+    """A function of nodes for each entry of object arrays, broadcast: an object array, laid out as a ufunc's
+    answer. NotTraced after `MOST_NODES` entries in one trace.
+    """
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
     if state.made > MOST_NODES:
@@ -415,7 +452,9 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """An answer with `ZERO_OF_ANY_SIGN` in place of its zeros, unless they are surely not negative."""
+    """The answer of a ufunc for these operands, with `ZERO_OF_ANY_SIGN` in place of zeros while a function is
+    traced, unless they are surely not negative.
+    """
     doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
     if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
         return answer
@@ -426,20 +465,22 @@ def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Tr
     return Traced(entries, FLOAT)
 
 
-def _true(array: Any) -> Any:
-    """Whether entries are not zero, as NumPy takes numbers for conditions."""
+def _truths(array: Any) -> Any:
+    """Whether entries are not zero, an object array of truth nodes, as NumPy takes numbers for conditions."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """A ufunc of traced arrays, entry by entry; `dtype` is that of the answer."""
+    """A ufunc of traced arrays, entry by entry, with an answer of `dtype`; NotTraced where it has no rule for
+    these types.
+    """
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
     if ufunc is np.matmul:
         return _summed(np.matmul, *arrays)
     if dtype == TRUTH and ufunc in LOGICAL:
-        return Traced(mapped(LOGICAL[ufunc], *map(_true, arrays)), TRUTH)
+        return Traced(mapped(LOGICAL[ufunc], *map(_truths, arrays)), TRUTH)
     if dtype == TRUTH and ufunc in COMPARED:
         return COMPARED[ufunc](*arrays)
     if ufunc in OPERATIONS and (dtype == FLOAT or ufunc in EXACT):
@@ -457,24 +498,26 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """The operation for each NumPy function that has one, of numbers or of truth values."""
+    """By NumPy's ufunc, the function that makes the node of its operation: of those of truth values (`truths`),
+    or of the others.
+    """
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
-def _with(zeros: str) -> set[Any]:
-    """NumPy's functions whose zeros have such signs, by `Rule.zeros`."""
+def _ufuncs_with_zeros(zeros: str) -> set[Any]:
+    """NumPy's ufuncs in whose `Rule.zeros` this word is."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 
 OPERATIONS = _read_as(False) | {np.divide: narrowing.quotient, np.power: power, np.float_power: power}
 LOGICAL = _read_as(True)
-UNSIGNED, CHOSEN = _with("positive"), _with("chosen")
+UNSIGNED, CHOSEN = _ufuncs_with_zeros("positive"), _ufuncs_with_zeros("chosen")
 EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.whole}
 
 
 def _rint(a: Any) -> Any:
-    """The nearest whole number, the even one of two: between floor and ceil, which says so to intervals."""
+    """The nearest whole number, the even one of two; a node between floor and ceil, which says so to intervals."""
     whole = np.floor(a)
     part = a - whole
     nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
@@ -515,13 +558,13 @@ REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.log
 
 
 def _counted(array: Traced) -> Traced:
-    """Truth values as whole numbers, which NumPy's sums are of."""
+    """Truth values as whole numbers, as NumPy sums them; other arrays unchanged."""
     return array.astype(np.int64) if array.dtype == TRUTH else array
 
 
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
-    """A sum or the like along one axis, several, or all."""
+    """A sum or another reduction of a ufunc along `axis`, one or several, or, for None, all; NumPy's options."""
     array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
         array = array.astype(bool)
@@ -533,22 +576,24 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
     joined, entries = np.frompyfunc(join, 2, 1, identity=nothing), array.entries.copy("K")
     for place in sorted(places, reverse=True):
         entries = np.asarray(joined.reduce(entries, axis=place, keepdims=keepdims), dtype=object)
-    return _number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
+    return _sealed_number(_with_zeros_of_any_sign(ufunc, Traced(entries, array.dtype), array))
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
-    """The reduction of a ufunc over axes, as NumPy calls it."""
+    """A function (a, axis, keepdims) that reduces by a ufunc, as np.sum is one."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 
 def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
-    """sum(a) / n over axes."""
+    """sum(a) / n over axes, one, several or all; NumPy's options."""
     total = _reduced(np.add, a, axis, keepdims)
     return total / (np.float64(traced_array(a).size) / total.size)
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors: the 1-, 2- and maximum norm; `NotTraced` for others."""
+    """numpy.linalg.norm of vectors x, along one axis or of all entries: the 1-, 2- and maximum norm (`ord`);
+    `NotTraced` for others.
+    """
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
     if not vector or ord not in (None, 1, 2, np.inf):
@@ -563,7 +608,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
     """numpy.where with two branches; `NotTraced` for a condition alone."""
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
-    entries = mapped(narrowing.where, _true(condition), *map(entries_of, branches))
+    entries = mapped(narrowing.where, _truths(condition), *map(entries_of, branches))
     return Traced(entries, np.result_type(*map(weak_type, branches)))
 
 
@@ -577,7 +622,9 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
-    """numpy.select: the choice of the first condition that holds, else the default."""
+    """numpy.select: the choice of the first condition that holds, else the default; NotTraced for conditions that
+    are numbers.
+    """
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
     kind = np.result_type(*map(weak_type, [*choicelist, default]))
@@ -586,7 +633,9 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """rint(a 10^decimals) / 10^decimals, as NumPy rounds."""
+    """rint(a 10^decimals) / 10^decimals, as NumPy rounds; NotTraced for whole numbers, and for decimals that are
+    traced.
+    """
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
     scale = 10.0 ** abs(decimals)
@@ -594,7 +643,9 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of ascending constants: linear between, constant beyond its ends."""
+    """numpy.interp of a table of ascending constants xp, fp: linear between, constant beyond its ends; NotTraced
+    for others.
+    """
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
     xp, fp = np.asarray(xp, dtype=np.float64), np.asarray(fp, dtype=np.float64)
@@ -606,7 +657,7 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    """A traced array of the shape of `a`, filled with a value."""
+    """A traced array of the shape of `a`, filled with a value; dtype: by default that of `a`."""
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]
@@ -615,12 +666,14 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
 
 @SILENT
 def _summed(function: Any, *args: Any) -> Any:
-    """A product of matrices, or the like: NumPy's own, which adds, subtracts and multiplies entries."""
+    """What a NumPy function of products and sums returns for traced arrays, as np.dot or np.diff; strings, as
+    einsum has, are passed on. NotTraced for truth values.
+    """
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:
         raise NotTraced("a product or difference of truth values", "np.where(condition, 1.0, 0.0) is a number")
     answer = _wrapped(function(*(one if isinstance(one, str) else entries_of(one) for one in args)), kind)
-    return _number(_with_zeros_of_any_sign(function, answer))
+    return _sealed_number(_with_zeros_of_any_sign(function, answer))
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

@@ -22,7 +22,7 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
-    """The derivatives of some nodes by a coordinate or a parameter."""
+    """The derivatives of some nodes (`outputs`) by a coordinate or parameter `by`, as nodes."""
     found: Found = {}
     for one in ordered(outputs):
         if one is by:
@@ -33,7 +33,8 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 
 
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
-    """For each output [rest, c_0, c_1, ...] with output = rest + sum c_d by_d; None where it is not of that kind.
+    """For each output [rest, c_0, c_1, ...] with output = rest + sum c_d by_d; None where an output is not linear in
+    all of `by`, or that cannot be told.
 
     The parts do not read `by`, coordinates or parameters.
     """
@@ -46,7 +47,7 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
 
 
 def _derived(one: Node, found: Found) -> Node:
-    """The derivative of a node along a line, by the chain rule from those of its operands."""
+    """The derivative of a node along a line, by the chain rule from those of its operands, which are in `found`."""
     slopes = [found[arg] for arg in one.args]
     if one.op == "where":
         return _branches(one, slopes, found)
@@ -66,7 +67,9 @@ def _derived(one: Node, found: Found) -> Node:
 
 
 def _turning(one: Node, found: Found) -> Node:
-    """The derivative of an angle within a sine or cosine, where the jumps of `mod` and `arctan2` do not matter."""
+    """The derivative of an angle within a sine or cosine, where the jumps of `mod` by 2 pi and of `arctan2` do
+    not matter; found : of the nodes below it.
+    """
     if found[one] is ZERO:
         return ZERO
     if one.op in ("add", "sub", "neg"):
@@ -80,7 +83,9 @@ def _turning(one: Node, found: Found) -> Node:
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
-    """Bounds on the derivative of a table's interpolant: the largest differences between neighbours, either way."""
+    """A node whose interval bounds the derivative of a table's interpolant: sum over axes of +-(largest
+    difference between neighbours / spacing) times `slopes`, the derivatives of its coordinates.
+    """
     terms = list[Node]()
     for axis, slope in enumerate(slopes):
         steepest = float(abs(np.diff(one.value.values, axis=axis)).max()) / one.value.spacing[axis] * (1 + 1e-12)
@@ -89,7 +94,10 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
-    """The derivative of a choice: of each branch; undefined where the condition may change."""
+    """The derivative of a node `where`: of the branch that is taken, `slopes` being those of condition and
+    branches, found : of all nodes below. Undefined where the condition may change, unless the branches meet
+    there.
+    """
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
     if found[condition] is ZERO:
@@ -101,14 +109,16 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
 
 
 def _compared(condition: Node) -> list[Node]:
-    """The comparisons that a condition consists of; whatever else it consists of is among them."""
+    """The comparisons that a condition consists of, joined by and, or, not; other truth values among them."""
     if not RULES[condition.op].truths:
         return [condition]
     return [each for arg in condition.args for each in _compared(arg)]
 
 
 def _meet(compared: Node, branches: Sequence[Node]) -> bool:
-    """Whether two branches are the same formula where both sides of a comparison are equal."""
+    """Whether two branches become one node where one side of a comparison is put in place of the other: they meet
+    where both are equal. False for a condition that is no comparison.
+    """
     if not RULES[compared.op].truth:
         return False
     for old, new in (compared.args, compared.args[::-1]):

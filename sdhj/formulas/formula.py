@@ -40,7 +40,9 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 @dataclass(frozen=True, eq=False)
 class Formula(Remembering):
-    """A function as an expression graph."""
+    """A function as an expression graph: it is called with points (M, coordinates) and parameters, bounded over
+    boxes (`bounds`), asked what it reads (`reads`, `timed`), and pickled as text.
+    """
 
     outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
     coordinates: int  # how many it is a function of
@@ -51,7 +53,8 @@ class Formula(Remembering):
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
-        """A level-set function, read: of points (M, coordinates) and of parameters with these names.
+        """A level-set function `function(points (M, coordinates), *names)` read as a formula, or a black box or formula
+        checked; `name` is for messages.
 
         ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
         """
@@ -64,7 +67,7 @@ class Formula(Remembering):
         check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
-            """The arguments of a traced call: points of so many rows, and the parameters."""
+            """The arguments of a traced call: points (rows, coordinates), and the parameters."""
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
@@ -72,7 +75,9 @@ class Formula(Remembering):
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
-        """The formula of a function that is known to treat points alike."""
+        """The formula of a function that is known to treat points alike and to be made of NumPy's functions or
+        formulas: one traced call, without the checks of `read`.
+        """
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
@@ -82,23 +87,24 @@ class Formula(Remembering):
         return self._source[0] if self._source else None
 
     def forget_source(self) -> None:
-        """Forget the function, which may hold a map."""
+        """Forget the function that it was read from, which may hold a map."""
         self._source.clear()
 
     @kept
     def entries(self) -> Any:
-        """The results as an array of nodes, (*shape)."""
+        """The results for one point as an object array of nodes, (*shape)."""
         return np.array(self.outputs, dtype=object).reshape(self.shape)
 
     @cached_property
     def rows(self) -> "tuple[Formula, ...]":
-        """A formula for each entry of the first axis of the results."""
+        """A formula for each entry of the first axis of the results, of shape[1:]."""
         return tuple(replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries)
 
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
         """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values.
 
-        ValueError where a value is undefined or infinite; NaN is what is undefined where they need not be finite.
+        ValueError where points or parameters do not fit, or a value is undefined or infinite; with finite=False what is
+        undefined is NaN.
         """
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
@@ -131,7 +137,8 @@ class Formula(Remembering):
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """Least and greatest values over boxes (M, coordinates) and intervals of the parameters: both (M, *shape).
+        """Lower and upper bounds of the values over boxes from low to high, (M, coordinates) each, and intervals of the
+        parameters: both (M, *shape), by interval arithmetic, rounded outward.
 
         -inf and inf where it may be undefined somewhere in the box.
         """
@@ -144,11 +151,12 @@ class Formula(Remembering):
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Least value at points (M, coordinates) over intervals of the parameters, of one result: (M,)."""
+        """Lower bound of the one result at points (M, coordinates) over intervals of the parameters: (M,)."""
         return self.bounds_by_branch(points, points, *parameters)[0]
 
     def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """As by `bounds`, of one result: both (M,). What is before and after the jump of an angle is bounded apart.
+        """`bounds` of one result, both (M,), but with what is before and after the jump of an angle bounded apart, if
+        at most `MOST_JUMPS` operations may jump.
 
         The values between, where a `mod` or an `arctan2` jumps, are none that it has, and would be phantoms of sets on
         a circle, half a turn away from them.
@@ -173,7 +181,7 @@ class Formula(Remembering):
 
     @cached_property
     def least_of(self) -> "tuple[Formula, ...]":
-        """The functions of whose values its one result is the least; itself alone where it is no minimum."""
+        """The formulas whose minimum the one result is; itself alone where it is no minimum."""
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:
             one = left.pop()
@@ -185,7 +193,9 @@ class Formula(Remembering):
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """The nodes that jump; a pair of operands of each; the formula with their values as coordinates."""
+        """The nodes that jump, `arctan2` and `mod` by a number above 0; a formula of a pair of operands of each
+        (y and x; laps and period); and the formula with the values of these nodes as further coordinates.
+        """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
         new = {one: leaf("x", self.coordinates + i) for i, one in enumerate(found)}
@@ -195,7 +205,7 @@ class Formula(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Which coordinates each result reads, (results, coordinates) bool."""
+        """Whether each result reads each coordinate, (results, coordinates) bool, read-only."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
         for row, one in enumerate(self.outputs):
             out[row, list(leaves([one], "x"))] = True
@@ -203,42 +213,48 @@ class Formula(Remembering):
 
     @cached_property
     def timed(self) -> bool:
-        """Whether it reads the time, or the begin or end of an interval."""
+        """Whether it reads parameter 0: the time, or the begin of an interval."""
         return 0 in leaves(self.outputs, "p")
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
-        """The same function with coordinates clipped at some ends first, infinite where there is none."""
+        """The same function, but coordinates are clipped to [lower, upper] (coordinates,) first; infinite where
+        there is no end.
+        """
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points clipped to [lower, upper]."""
+            """The formula at points (M, coordinates) clipped to [lower, upper]."""
             return self(np.minimum(np.maximum(points, lower), upper), *given)
 
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
-        """The same function of some coordinates, numbered anew; it reads no others."""
+        """The same function of some coordinates alone, numbered anew in the order of `axes`; it must read no
+        others. Made once.
+        """
         places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points of those axes alone."""
+            """The formula at points (M, len(axes)) of those axes alone."""
             return self(points[:, places], *given)
 
         return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
-        """A key of what it computes: two with equal ones have equal values, to the last bit."""
+        """A hashable key of what it computes: two with equal ones have equal values, to the last bit."""
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))
         return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
 
     @cached_property
     def tape(self) -> Tape:
-        """The formula as compiled code plays it."""
+        """The formula as the kernels play it (`sdhj.kernels.tape`)."""
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
-        """The formula's outputs with its leaves replaced by traced points and parameters."""
+        """The formula's outputs at traced points (M, coordinates) and parameters, put in place of its leaves: (M,
+        *shape).
+        """
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
         out = np.empty((len(columns), len(self.outputs)), object)
@@ -249,14 +265,16 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
-        """The formula as text, from which `restored` makes it again."""
+        """Pickle it as its lines of text and tables, from which `restored` makes it again, without its source."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
 def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
-    """The arrays of a `Tape` that computes some nodes; a slot is used again once nothing more reads it."""
+    """The seven arrays of a `Tape`, in its order, that computes some nodes (`outputs`); a slot is used again once
+    nothing more reads it.
+    """
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
     last |= dict.fromkeys(outputs, len(order))
@@ -297,7 +315,9 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
 
 
 def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """Nodes that were traced; ValueError where the sign of a zero decides in a whole region, see `zeros`."""
+    """The nodes of a traced function, without `ZERO_OF_ANY_SIGN`; NotTraced where the sign of a zero decides an
+    arctan2 in a whole region, see `zeros`. name : for the message.
+    """
     rng = np.random.default_rng(0)
     scales = np.repeat([1.0, 10.0], zeros.POINTS // 2)
     points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
@@ -322,12 +342,15 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
-    """A formula from its text."""
+    """A formula of so many coordinates and parameters, with results of this shape, from the lines of its text and
+    the tables that these look up; ValueError where they are none, see `parsed`.
+    """
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a function's values (M, *shape) at points (M, n) are not those of its formula.
+    """Raise ValueError where a function's values (M, *shape) at points (M, n) and these parameters are not those of its
+    formula.
 
     NumPy may add in another order. Where values differ by more than `NEARLY` of the largest, it is the formula's
     intervals that they must be in, widened by 4 units in the last place and by their width; to compile those takes
@@ -348,7 +371,9 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
 
 
 def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
-    """Values (M, K), the formula's, whether they are in its intervals, and whether they differ in wide ones."""
+    """Values of the function, those of its formula, whether the former are in the formula's intervals (or agree
+    anyway), and whether the two differ where the interval is wide: (M, K) each.
+    """
     given = points.copy()
     given.setflags(write=False)
     with np.errstate(all="ignore"):
@@ -413,7 +438,9 @@ class BlackBox:
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
-        """Check the function and what is declared of it; ValueError where one does not fit."""
+        """Check the function and what is declared of it, arrays copied and made read-only; ValueError where one
+        does not fit.
+        """
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
                 raise ValueError(f"{name} of a BlackBox must be a function, got {given!r}")
@@ -428,9 +455,10 @@ class BlackBox:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
-        """The same by another name; ValueError where its functions take something else.
+        """The same black box under another name; ValueError where its functions take something else.
 
-        rest : what the function takes after the state; `takes`: what the enclosure takes after low and high
+        rest : what the function takes after the state; not looked at if `takes` is given. takes : what the enclosure
+            takes after low and high, by default t0 and t1.
         """
         if not takes:
             check_places(name, self.function, ("points",), rest)
@@ -445,21 +473,25 @@ class BlackBox:
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
-        """The black box at points clipped to [lower, upper]."""
+        """The black box at points, or for boxes, that are clipped to [lower, upper] first."""
 
         def cut(function: Any, count: int) -> Any:
-            """A function of points, the first `count` arguments, clipped to [lower, upper]."""
+            """`function`, with its first `count` arguments, points or corners, clipped to [lower, upper]."""
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
 
     def under(self, u: FloatArray) -> "BlackBox":
-        """A drift or a gain under one input, as a function of points and time."""
+        """A drift or a gain under one input u (m,), as a function of points and time."""
         enclosure = self.enclosure and partial(_with_input, self.enclosure, 2, u)
         return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Least and greatest values over boxes; ValueError, with the reason, where too little is declared."""
+        """Least and greatest values over boxes from low to high, (M, n) each, in an interval of time: both (M, *shape).
+
+        By the enclosure, else value at the middle -+ (slope |half of the box| + rate times half of the duration), a
+        little more for rounding. ValueError, with the reason, where too little is declared.
+        """
         if self.enclosure is not None:
             least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
             return least, greatest
@@ -471,7 +503,9 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
-            """At most how far values change over displacements `by` and a duration: slope |by| + rate duration."""
+            """At most how far values change over displacements `by` (M, n) and a duration: slope |by| + rate
+            duration, (M, 1...).
+            """
             far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
             far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
             return far.reshape(far.shape + (1,) * (value.ndim - far.ndim))  # of a gain: for each of its columns
@@ -486,11 +520,13 @@ class BlackBox:
 
     @property
     def least_of(self) -> "tuple[BlackBox, ...]":
-        """Itself: nobody sees what it is made of."""
+        """The functions whose minimum it is: itself alone, as nobody sees what it is made of."""
         return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
-        """Least value over an interval of time; ValueError where it is not declared how fast it changes."""
+        """Least value (M,) at points (M, n) over an interval of time: by the enclosure, else the value in the
+        middle less rate times half of the duration. ValueError where it is not declared how fast it changes.
+        """
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
         if self.rate is None:
@@ -501,7 +537,9 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
-        """Values (M, *shape) at points (M, n); ValueError where they are no finite numbers of that shape."""
+        """The function's values (M, *shape) at points (M, n) and other arguments; ValueError where they are no
+        finite numbers of that shape, NotTraced within a function that is traced.
+        """
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
         values = np.array(self.function(points, *others), dtype=np.float64)
@@ -511,9 +549,11 @@ class BlackBox:
 
 
 def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Bounds of `mod` and `arctan2` before and after the jump in a box, the same where there is none: (2, 2, M).
+    """Bounds of `mod` and `arctan2` on both sides of their jump in each of M boxes, [side][lower, upper][box], the same
+    where there is no jump: (2, 2, M).
 
-    a, b (2, M): bounds of the number of laps and the period; or of y and x, of which the cut is y = 0, x <= 0.
+    a, b (2, M): lower and upper bounds of the number of laps and the period; or of y and x, of which the cut is y = 0,
+    x <= 0.
     """
     if op == "mod":
         laps = np.floor(a)
@@ -534,7 +574,7 @@ ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y an
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
-    """A function called with the input u inserted at some place among its arguments."""
+    """function(*given) with the input u inserted before argument number `place`."""
     return function(*given[:place], u, *given[place:])
 
 
@@ -601,6 +641,6 @@ def complement(function: Any) -> Any:
 
 
 def _check_sets(name: str, functions: Sequence[Any]) -> None:
-    """ValueError where an argument of `union` or its like is no level-set function."""
+    """Raise ValueError where an argument of sdhj.NAME, `union` or its like, is no function of (points, t)."""
     for function in functions:
         check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

@@ -27,7 +27,7 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 @dataclass(frozen=True)
 class Lookup:
-    """Values at the nodes lower + i * spacing of a grid; two with the same numbers are equal."""
+    """A table: values at the nodes lower + i * spacing of a grid, compared by a digest of the values; made by `of`."""
 
     values: FloatArray = field(compare=False, repr=False)
     lower: tuple[float, ...]
@@ -36,9 +36,11 @@ class Lookup:
 
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
-        """ValueError where they do not fit each other, or are too many.
+        """A table of values on a grid; ValueError where shapes do not fit, numbers are not finite, or the values take
+        more than `MOST_TABLES` bytes.
 
-        Maps are large: a Lookup shares its values, and a read-only array that owns them is not copied.
+        Maps are large: of a Lookup its values are shared, and a read-only array that owns them is not copied, but
+        others are.
         """
         known = values if isinstance(values, Lookup) else None
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
@@ -66,13 +68,15 @@ class Lookup:
 
 
 def _sealed(values: Any) -> bool:
-    """Whether values are a read-only float64 array of its own memory."""
+    """Whether values are a read-only, C-contiguous float64 array that owns its memory."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
     return fits and values.flags.owndata and not values.flags.writeable
 
 
 class Node:
-    """One operation and its operands; made by `leaf` and `make` alone."""
+    """One operation and its operands, or a leaf: a coordinate, parameter or constant. Equal ones are one object;
+    made by `leaf`, `constant`, `make` and `interned` alone.
+    """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
     op: str  # the name of its rule (`sdhj.formulas.rules`)
@@ -96,7 +100,7 @@ class Node:
     __radd__, __rmul__ = __add__, __mul__
 
     def __bool__(self) -> bool:
-        """TypeError: a node has no value."""
+        """Raise TypeError: a node has no value."""
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
@@ -105,7 +109,9 @@ class Node:
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
-    """The node with these parts."""
+    """The one node of operation `op` with these operands (args) and this value: the same object each time, not
+    simplified.
+    """
     key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
     if found is None:
@@ -124,7 +130,9 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
-    """Coordinate ("x") or parameter ("p") number `index`; of which row of points, while a function is traced."""
+    """The node of coordinate (kind "x") or parameter (kind "p") number `index`; row: of which point, while a
+    function is traced.
+    """
     return interned(kind, (), (index, row))
 
 
@@ -134,7 +142,7 @@ def constant(value: float) -> Node:
 
 
 def node(value: Any) -> Node:
-    """A number as a constant; a node as it is."""
+    """A number as the node of a constant; a node itself."""
     return value if isinstance(value, Node) else constant(value)
 
 
@@ -144,7 +152,9 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """A node, simplified where that changes neither a value nor where it is undefined; by default a constant."""
+    """The node of operation `op` on nodes, or of the constant `value`, simplified where that changes neither a
+    value nor where it is undefined. value : also the exponent of "power".
+    """
     if not args:
         return constant(value)
     rule = RULES[op]
@@ -158,7 +168,7 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """a to the b, as the cheapest operation that is the same."""
+    """The node of a to the b: as square, root, quotient or whole power where the exponent is a constant that is one."""
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
@@ -173,9 +183,10 @@ def power(a: Node, b: Node) -> Node:
 
 
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
-    """All nodes that some hang on, operands before what is made of them, in an order that the graph alone decides.
+    """All nodes that `outputs` are made of, themselves too, each once, operands before what is made of them, in an
+    order that the graph alone decides.
 
-    Nothing where there are more than `most`, or about as many.
+    Empty where there are more than `most`, or about as many.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
@@ -190,7 +201,9 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
-    """The graph with some nodes replaced (where `replaced` says by what), simplified anew."""
+    """The outputs with some of the nodes that they are made of replaced, and all that hangs on these simplified
+    anew. replaced : a node -> the one in its place, or None.
+    """
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
         put, args = replaced(one), tuple(new[arg] for arg in one.args)
@@ -201,5 +214,5 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
-    """Which coordinates ("x") or parameters ("p") nodes read."""
+    """The indices of the coordinates (kind "x") or parameters (kind "p") that nodes (`outputs`) read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}

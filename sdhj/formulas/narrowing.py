@@ -16,14 +16,14 @@ ZERO = constant(0.0)
 
 
 def where(condition: Node, one: Node, other: Node) -> Node:
-    """The node `where`; branches that may be undefined are narrowed by what the condition says."""
+    """The node one if condition else other; branches that may be undefined are narrowed by what the condition says."""
     if one is not other:
         one, other = _narrowed(one, condition, True), _narrowed(other, condition, False)
     return make("where", condition, one, other)
 
 
 def quotient(a: Node, b: Node) -> Node:
-    """a / b; a share if it is one and b is kept above 0."""
+    """The node a / b; made of "share"s, quotients cut to [-1, 1], if |a| is at most b and b is kept above 0."""
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
     share = _shares(a, b, {}) if kept else None
@@ -31,7 +31,7 @@ def quotient(a: Node, b: Node) -> Node:
 
 
 def squares(one: Node) -> list[Node] | None:
-    """The squares in a sum of squares and numbers; None for other sums."""
+    """The nodes that are squared in a sum of squares and numbers >= 0; None for other nodes."""
     left, found = [one], list[Node]()
     while left:
         one = left.pop()
@@ -45,7 +45,9 @@ def squares(one: Node) -> list[Node] | None:
 
 
 def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
-    """The same wherever a condition holds, or does not."""
+    """A branch as a node that is equal to it wherever a condition holds (or, for False, does not), its intervals
+    cut by what that says there.
+    """
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
     cuts, nonzero = defaultdict[Node, list[tuple[str, Node]]](list), set[Node]()  # what is not 0
@@ -66,7 +68,7 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
 
 def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
-    """The nodes whose intervals are cut where a <= b, and at what, so that none gets larger."""
+    """(node, "min" or "max", bound) for each node whose interval can be cut where a <= b, without making it larger."""
     if is_constant(b):
         inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
         return [(a, "min", b), *inner]
@@ -76,7 +78,9 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
 
 
 def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
-    """The inequalities a <= b, or a < b, that a condition states where it holds, or does not."""
+    """Yield (a, b, whether strictly) for the inequalities a <= b, or a < b, that a condition states where it
+    holds, or does not (`holds`).
+    """
     left, seen = [(condition, holds)], set[tuple[Node, bool]]()
     while left:
         one, holds = said = left.pop()
@@ -93,18 +97,22 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
-    """Whether a node is never negative: an absolute value, a square or the like, or such a constant."""
+    """Whether a node is surely never negative: an absolute value, a square or the like, or a constant >= 0."""
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
 def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
-    """Whether a divisor is not 0, by what is known not to be."""
+    """Whether a divisor is surely not 0: it, or its absolute value, is among `nonzero`, or that is so of what it
+    is the root, negative or absolute value of.
+    """
     inner = one.op in ("abs", "neg", "sqrt") and _is_nonzero(one.args[0], nonzero)
     return inner or one in nonzero or make("abs", one) in nonzero
 
 
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
-    """a / b, made of shares, with `new` nodes in place of some; None where it cannot be."""
+    """The node a / b, made of "share"s, quotients cut to [-1, 1], with `new` nodes in place of some; None where
+    that cannot be.
+    """
     found = dict[Node, Any]()
     for one in ordered([a], MOST_NARROWED):
         parts: list[Any] = [found.get(arg) for arg in one.args]
@@ -121,7 +129,7 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 
 
 def at_most(a: Node, b: Node) -> bool:
-    """Whether |a| <= |b| wherever both are defined."""
+    """Whether |a| <= |b| wherever both are defined, by their form; False where that is not seen."""
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
     while RULES[a.op].shrinks:
         a = a.args[0]

@@ -14,10 +14,11 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a function of the state and then of some that are `known`.
+    """The positional parameters of a function, of which `signature` is the signature, of the state and then of some
+    that are `known`.
 
-    ValueError, with both readings, where the first has the name of another; and where one of these names can only be
-    given as a keyword, which nobody does.
+    name : of what it is, for messages. ValueError, with both readings, where the first has the name of another; and
+        where one of these names can only be given as a keyword, which nobody does.
     """
     every = signature.parameters.values()
     places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -43,7 +44,8 @@ def parameters_of(
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
     """Raise ValueError unless a function takes `first`, states or boxes of them, and then `rest`, all by position.
 
-    A parameter that has a known name in the place of another, or a default, was meant to be something else.
+    name : of what it is, for the message. A parameter that has a known name in the place of another, or a default, was
+        meant to be something else. Compiled functions that do not say what they take are not checked.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

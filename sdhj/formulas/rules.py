@@ -21,7 +21,8 @@ Make = Callable[..., Any]  # of an operation's name and operands: a node, simpli
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation, f of operands a, b and c.
+    """One operation, f of operands a, b and c, and all that is known of it: its NumPy functions, error, domain,
+    simplification, derivative and text.
 
     Its interval follows from values at ends of the operands, moved outward by their error, where the kernels have no
     rule of its own for it: f rises with an operand, or falls with the first, or does so with absolute values.
@@ -65,14 +66,16 @@ def _is(one: Any, value: float) -> bool:
 
 
 def _add(make: Make, a: Any, b: Any) -> Any:
-    """a + b simplified: 0 + b = b, a + (-b) = a - b; else None."""
+    """The node a + b simplified: 0 + b = b, a + (-b) = a - b; None where nothing is simpler."""
     if _is(a, 0.0) or _is(b, 0.0):
         return b if _is(a, 0.0) else a
     return make("sub", a, b.args[0]) if b.op == "neg" else None
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
-    """a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b; else None."""
+    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b; None where nothing
+    is simpler.
+    """
     if _is(b, 0.0):
         return a
     if a is b and a.total:
@@ -81,7 +84,9 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
-    """a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b; else None."""
+    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2; None where
+    nothing is simpler.
+    """
     for one, other in ((a, b), (b, a)):
         if _is(one, 0.0) and other.total:
             return make(value=0.0)
@@ -93,17 +98,23 @@ def _mul(make: Make, a: Any, b: Any) -> Any:
 
 
 def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
-    """A choice simplified: of a constant condition, or between equal branches; else None."""
+    """The node `where` simplified: of a constant condition, or between equal branches; None where nothing is
+    simpler.
+    """
     if condition.op == "const":
         return condition if math.isnan(condition.value) else a if condition.value else b
     return a if a is b and condition.total else None
 
 
 def _but_for(op: str, neutral: float) -> Callable[..., Any]:
-    """Of an operation that gives a itself for a and a, and for a and `neutral`."""
+    """`Rule.simpler` of an operation that gives a itself for (a, a), and for (a, neutral): "min", "max", "and" or
+    "or".
+    """
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
-        """op(a, b) simplified by its neutral element and by joining constants; else None."""
+        """The node op(a, b) simplified by its neutral element and by joining constants; None where nothing is
+        simpler.
+        """
         if a is b or _is(b, neutral):
             return a
         if a.op == op and b.op == "const" and a.args[1].op == "const":
@@ -117,52 +128,56 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
 
 
 def settled(make: Make, one: Any) -> Any:
-    """0 in boxes where the interval of a node is one number, undefined in others."""
+    """A node that is 0 where the interval of `one` is a single number, and undefined in other boxes."""
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
 def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """How an angle of (x, y), y first, turns."""
+    """The derivative of the angle arctan2(y, x), (x y' - y x') / (x^2 + y^2); a is (y, x), d their derivatives."""
     return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a function that is constant between its jumps: 0, and undefined where f is not settled."""
+    """Derivative of a node f that is constant between its jumps: 0, and undefined in boxes where f is not `settled`."""
     return settled(make, f)
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a b)' = a' b + a b'."""
+    """(a b)' = a' b + a b'; a: the two operands, d: their derivatives."""
     if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
         return d[1] * a[0] if d[0] is zero else d[0] * a[1]
     return d[0] * a[1] + a[0] * d[1]
 
 
 def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """Derivative of f = a / b: (a' - f b') / b."""
+    """Derivative of f = a / b: (a' - f b') / b; a: the two operands, d: their derivatives."""
     return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
 
 
 def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'."""
+    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'; f: the power, a: the two operands, d: their derivatives."""
     base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
     return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
 
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0."""
+    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0; a: y and x, d:
+    their derivatives.
+    """
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
     return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole."""
+    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole; a: the two operands, d: their
+    derivatives.
+    """
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + settled(make, laps)
 
 
 def _chord(make: Make, one: Any) -> Any:
-    """The square root of 1 - a^2."""
+    """The node sqrt(1 - one^2)."""
     return make("sqrt", make("sub", make(value=1.0), make("sqr", one)))
 
 
@@ -282,7 +297,9 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """By what kernels bound operations: a row for each code, with the columns of `sdhj.kernels.tape`."""
+    """The array by which kernels bound operations: a row for each rule, at its code, with the columns FALLS to
+    HIGHEST of `sdhj.kernels.tape`; read-only.
+    """
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:
         share = 0.0 if rule.error is None else (2 * rule.error + 1) * STEP

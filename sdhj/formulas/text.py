@@ -23,7 +23,9 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 
 
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
-    """The lines of some nodes; look-ups are added to `tables` where they are not in it yet."""
+    """The lines of text of some nodes, the last one "return" and the results' numbers; look-ups whose values are
+    not in `tables` yet are appended to it, in place.
+    """
     order, lines = ordered(outputs), list[str]()
     number = {one: str(i) for i, one in enumerate(order)}
     for one in order:
@@ -45,7 +47,8 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results of a text of up to so many coordinates and parameters that looks up `tables`, Lookups or arrays.
+    """The results, nodes, that lines of text stand for, of up to so many coordinates and parameters; `tables`, Lookups
+    or arrays, are those that they look up by number.
 
     ValueError, with the number of the line, where it is not one that `written` writes.
     """
@@ -56,12 +59,14 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
     @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
-        """The table of a number, as a `Lookup`."""
+        """The table with this number, as a `Lookup`; made once."""
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
 
     def looked_up(number: str, *ends: str) -> Lookup:
-        """The `Lookup` of a line: the number of its table, its lower ends, its spacings."""
+        """The `Lookup` of a line: the number of its table, then "lower" and the ends, "spacing" and the spacings,
+        hexadecimal.
+        """
         cut = ends.index("spacing")
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
         return Lookup.of(table(_index(number, len(tables))), lower, spacing)
@@ -80,7 +85,11 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
-    """The node of one line; ValueError with what is wrong."""
+    """The node of one line, its operation and the words behind; ValueError with what is wrong.
+
+    nodes : those of the lines above. looked_up : makes a table of words. limits : numbers of coordinates "x" and of
+        parameters "p".
+    """
     value: Any = None
     if op not in RULES:
         raise ValueError(f"{op!r} is no operation")
@@ -104,14 +113,14 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
 
 
 def _index(word: str, most: int) -> int:
-    """A whole number below `most`; ValueError otherwise."""
+    """The whole number below `most` that a word spells in digits; ValueError otherwise."""
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 
 def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
-    """Whether two graphs are of one structure, and constants and tables agree to `CLOSE`.
+    """Whether two lists of nodes are graphs of one structure, and their constants and tables agree to `CLOSE`.
 
     What is one node in one graph may be two in the other, whose constants are nearly equal.
     """
@@ -129,7 +138,7 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether two values of nodes, numbers or tables, differ by rounding at most."""
+    """Whether two values of nodes, numbers or tables, differ by at most `CLOSE` of them."""
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
@@ -137,9 +146,11 @@ def _near(one: Any, other: Any) -> bool:
 
 
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
-    """Results as mathematics, whole; what is used more than once, and is long, gets a letter and a line.
+    """Results as mathematics: lines, the results themselves last, one for each. What is used more than once, and is
+    long, gets a letter and a line of its own before.
 
-    Where a result is long, its parts get numbers, "[1]", and a line each.
+    names, parameters : what coordinates and parameters are called. Where a result is long, its parts get numbers,
+        "[1]", and a line each.
     """
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)

@@ -30,41 +30,47 @@ def _joined(value: Any) -> Any:
     return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
-def _listing(original: Any) -> Callable[..., Any]:
-    """A NumPy function that also takes lists of traced arrays."""
+def _taking_lists(original: Any) -> Callable[..., Any]:
+    """A NumPy function, `original`, as one that also takes lists with traced arrays in them."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array of a traced array or of a list of some."""
+    """numpy.array of a traced array or of a list of some, of that dtype, by default its own; without `copy` it
+    may be the array itself.
+    """
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array."""
+    """numpy.ascontiguousarray of a traced array: itself, or a copy in C order, of one dimension at least."""
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
-def _making(original: Any, ours: Any) -> Callable[..., Any]:
-    """A function that makes arrays, of what is traced by another one, whose options are the only ones it knows."""
+def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
+    """A function that makes arrays: `ours` where the first argument holds something traced, else NumPy's `original`."""
     known = noted(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    """numpy.full_like of a traced array, of the type of what fills it."""
+    """numpy.full_like of a traced array, `room`, by default of the type of what fills it."""
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
-def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
-    """zeros, ones, empty or full, with entries that can be written where a length is that of the points."""
+def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
+    """NumPy's zeros, ones, empty or full (`name`), but, in the trace of this number, traced, so that it can be
+    written, where a length is the number of points, `rows`, or an argument is traced.
+    """
     original = getattr(np, name)
     filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
-        """numpy.empty and its like: traced where the shape has the number of points in it."""
+        """NumPy's zeros, ones, empty or full of a shape, with its options: traced where the shape has the number
+        of points in it, or an argument is traced.
+        """
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
@@ -75,10 +81,12 @@ def _room(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
-    """tile, repeat and broadcast_to, whose numbers can be written over where there are as many as points."""
+    """NumPy's tile, repeat or broadcast_to, `original`, but, in the trace of this number, a traced answer where
+    it has floats and a length is the number of points, `rows`.
+    """
 
     def repeat(*args: Any, **options: Any) -> Any:
-        """The function, its answer traced where it has a row for each point."""
+        """The original's answer; traced where it has as many rows as there are points."""
         answer = original(*args, **options)
         wanted = state.trace == trace and answer.dtype == np.float64 and rows in answer.shape
         return traced_array(answer) if wanted else answer
@@ -87,19 +95,19 @@ def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any
 
 
 class _Joining:
-    """np.c_ and np.r_: what is traced is joined along the last axis, as columns, or along the first."""
+    """Stands for np.c_ or np.r_: what is traced is joined along the last axis, as columns, or along the first."""
 
     def __init__(self, original: Any) -> None:
-        """Stands for `np.r_` or `np.c_`, the original."""
+        """Stand for `np.r_` or `np.c_`, the original."""
         self.original, self.columns = original, original is np.c_
 
     def __getitem__(self, at: Any) -> Any:
-        """The arrays between the brackets joined, traced if one of them is."""
+        """The arrays between the brackets joined: traced if one of them is, else as the original joins them."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
     @noted
     def _join(self, at: Any) -> Any:
-        """numpy.r_ or numpy.c_ of traced arrays."""
+        """numpy.r_ or numpy.c_ of arrays of which one is traced, or of a single one."""
         parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
         if self.columns:
             parts = [one if one.ndim > 1 else one[:, None] for one in parts]
@@ -107,36 +115,37 @@ class _Joining:
 
 
 class _Replaced:
-    """The module numpy, or something in it, with other functions in some places."""
+    """Stands for the module numpy, or something in it: some attributes are replaced, all else is the original's."""
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
-        """Stands for a module or function, the original, of which the attributes `new` are replaced."""
+        """Stand for a module or function, the original, whose attributes `new` are replaced."""
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
-        """An attribute of the original."""
+        """The attribute of that name of the original."""
         return getattr(vars(self)["_original"], name)
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        """The original, called."""
+        """Call the original."""
         return vars(self)["_original"](*args, **options)
 
 
 def _numpy(rows: int) -> _Replaced:
-    """The functions that replace NumPy's while a function is traced with so many rows."""
+    """The stand-in for the module numpy while a function is traced with so many rows."""
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
-    new: dict[str, Any] = {name: _listing(getattr(np, name)) for name in LISTS.split()}
-    new |= {name: _room(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
+    new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
+    new |= {name: _allocating(name, rows, state.trace) for name in ("full", "zeros", "ones", "empty")}
     new |= {name: _repeating(getattr(np, name), rows, state.trace) for name in ("tile", "repeat", "broadcast_to")}
     new |= {name: _Joining(getattr(np, name)) for name in ("c_", "r_")}
-    new |= {name: _making(getattr(np, name), ours) for name, ours in makers.items()}
-    new |= {one.__name__: _Replaced(one, {"reduce": _listing(one.reduce)}) for one in REDUCED}
-    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _listing(np.linalg.norm)})})
+    new |= {name: _making_arrays(getattr(np, name), ours) for name, ours in makers.items()}
+    new |= {one.__name__: _Replaced(one, {"reduce": _taking_lists(one.reduce)}) for one in REDUCED}
+    return _Replaced(np, new | {"linalg": _Replaced(np.linalg, {"norm": _taking_lists(np.linalg.norm)})})
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
-    """Where the name `np` is looked up by a function and those of the user's that it may call.
+    """The dictionaries of globals in which the name `np` may be looked up by a function or by the user's functions that
+    it may call: its own, those of __main__ and of the user's modules.
 
     Compiled modules are not among them: they take what np.empty gives for an array without a look at it.
     """
@@ -144,28 +153,30 @@ def _globals_of(function: Any) -> list[dict[str, Any]]:
         function = inner
     function = getattr(function, "__func__", function)
     called = function if hasattr(function, "__globals__") else type(function).__call__
-    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users()]
+    return [getattr(called, "__globals__", {}), vars(sys.modules["__main__"]), *_users_modules()]
 
 
 _looked: list[Any] = [[], []]  # through which modules; and what was in those of the user
 
 
-def _users() -> list[dict[str, Any]]:
-    """The names in the user's modules, sought anew where one has come or gone: that takes longer than a trace."""
+def _users_modules() -> list[dict[str, Any]]:
+    """The globals of the user's modules; they are sought again only where a module has come or gone, as that
+    takes longer than a trace.
+    """
     if _looked[0] != (modules := list(sys.modules.values())):
         _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
     return _looked[1]
 
 
 def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: a file of Python, not installed, not of this package."""
+    """Whether a module is the user's: a Python file that is not installed, nor of this package (but for `sdhj.arm`)."""
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
 def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """Where the module numpy is named: in the globals of `_globals_of`, by which names."""
+    """(globals, name) of each place at which a function may find the module numpy, under whichever name."""
     return [
         (names, name)
         for names in _globals_of(function)
@@ -176,7 +187,9 @@ def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
 
 @contextmanager
 def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
-    """Users' modules with a NumPy that knows traced arrays; no kernel is compiled meanwhile, whose code names it."""
+    """Within it the module numpy is replaced at these places by `_numpy(rows)`; no kernel is compiled meanwhile,
+    whose code names it.
+    """
     with global_compiler_lock:
         new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
         try:
@@ -192,7 +205,9 @@ def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[N
 
 
 def points_of(count: int, rows: int) -> Traced:
-    """The points that a function is traced with, (rows, count), read-only."""
+    """The points that a function is traced with, (rows, count), read-only: entry (row, k) is the leaf of
+    coordinate k of that row.
+    """
     entries = np.empty((rows, count), object)
     for row in range(rows):
         entries[row] = [leaf("x", k, row) for k in range(count)]
@@ -201,14 +216,16 @@ def points_of(count: int, rows: int) -> Traced:
 
 
 def parameter(first: int, count: int | None = None) -> Traced:
-    """A parameter, or a row of `count` of them, read-only."""
+    """A traced, read-only number, parameter number `first`; or a row of `count` of them."""
     entries = np.array([leaf("p", first + d) for d in range(count or 1)], dtype=object)
     entries.setflags(write=False)
     return Traced(entries if count is not None else entries.reshape(()))
 
 
 def rows_for(*lengths: int) -> int:
-    """How many points to trace with: neither the number nor the next one is among the lengths of a problem."""
+    """How many points to trace with: the least number from 3 on such that neither it nor the next one is among
+    these lengths.
+    """
     return next(rows for rows in itertools.count(3) if not {rows, rows + 1}.intersection(lengths))
 
 
@@ -221,7 +238,8 @@ def traced(
     per_point: bool,
     again: bool = True,
 ) -> tuple[list[Node], tuple[int, ...]]:
-    """The nodes of what a function answers for one point, flattened, and the shape of that.
+    """The nodes of what a function answers for one point, flattened, and the shape of that; name : of the function, for
+    messages.
 
     It is called with `arguments(rows)`: traced arrays, and numbers or read-only arrays. Its answer has a leading
     dimension where it is `per_point`, which may lack where it reads no point, and then that `shape`, or any for None;
@@ -234,7 +252,7 @@ def traced(
     found, places = list[list[Node]](), _places(function)
     try:
         for count in (rows, rows + 1) if again else (rows,):
-            answer = _answer(name, function, count, arguments, places)
+            answer = _traced_answer(name, function, count, arguments, places)
             alone = answer.ndim == 1 if shape is None else bool(shape) and answer.shape == tuple(shape)
             if per_point and alone and not leaves(answer.flat, "x"):  # one value for all points
                 answer = np.broadcast_to(answer, (count, *answer.shape))
@@ -261,7 +279,9 @@ def traced(
 
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
-    """Whether nodes are the same of point 0 and of point `row`, and read no other one."""
+    """Whether the nodes `other`, of point number `row`, are those of point 0, `first`, with the coordinates of
+    that point, and read no third one.
+    """
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
         if known.get(one) is its:
@@ -276,14 +296,19 @@ def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
     return True
 
 
-def _answer(
+def _traced_answer(
     name: str,
     function: Callable[..., Any],
     rows: int,
     arguments: Callable[[int], Sequence[Any]],
     places: list[tuple[dict[str, Any], str]],
 ) -> Any:
-    """The entries of what a function answers, NumPy replaced at `places`; NotTraced where anything has refused."""
+    """The entries, an object array of nodes, of what a function answers to `arguments(rows)`, NumPy replaced at
+    `places`.
+
+    NotTraced where anything has refused meanwhile; the function's own errors, with a note; ValueError for None and for
+    truth values. name : for messages.
+    """
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0
     try:

@@ -28,17 +28,18 @@ Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (no
 
 
 def is_negative(value: Any) -> bool:
-    """Whether a number is -0.0."""
+    """Whether a value is the float -0.0."""
     return isinstance(value, float) and value == 0.0 and math.copysign(1.0, value) < 0
 
 
 def unsigned(outputs: Sequence[Node]) -> list[Node]:
-    """The same with 0 in place of `ZERO_OF_ANY_SIGN`."""
+    """The nodes with 0 in place of `ZERO_OF_ANY_SIGN`."""
     return rebuilt(outputs, {ZERO_OF_ANY_SIGN: ZERO}.get) if ZERO_OF_ANY_SIGN in ordered(outputs) else list(outputs)
 
 
 def signs(one: Node, values: Values) -> set[float]:
-    """Which signs the zeros of a node may have, 1 and -1, that are more than a line or a point.
+    """Which signs, 1.0 and -1.0, the zeros of a node may have that are more than a line or a point; empty where there
+    are none. values : evaluates nodes at random points.
 
     Between its choices a node is smooth, so it is 0 in a region only where it is so at random points, whichever way it
     is chosen. Nothing is said of nodes with more than `MOST_CHOSEN` ways.
@@ -56,7 +57,9 @@ def signs(one: Node, values: Values) -> set[float]:
 
 
 def _ways(one: Node) -> list[Node]:
-    """The nodes that a node may be, one for each way to choose, not simplified or rounded; too many are left out."""
+    """The nodes that a node becomes, one for each combination of what its operations may choose (an operand, 0 or
+    1), not simplified or rounded; at most `MOST_CHOSEN` + 1 of them.
+    """
     found = dict[Node, list[Node]]()
     for each in ordered([one]):
         rule = RULES[each.op]

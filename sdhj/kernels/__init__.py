@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def read_only(value: T) -> T:
-    """An array, or all those in tuples, lists and mappings, made read-only in place.
+    """Make an array, or all those in tuples, lists and mappings, read-only in place; returns what was given.
 
     So is every array that somebody keeps, from the beginning: to compiled code what may not be written has another
     type, and a kernel that is given both is compiled twice.
@@ -26,42 +26,46 @@ def read_only(value: T) -> T:
 
 
 def _refuse(self: Any, *_: Any, **__: Any) -> Any:
-    """TypeError, which says how to write to a copy."""
+    """Raise TypeError, which says how to write to a copy: what every method of `Sealed` and `SealedList` that
+    would write does.
+    """
     kind = "dict" if isinstance(self, dict) else "list"
     raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
 
 
 class Sealed(dict[str, Any]):
-    """A mapping that cannot be written, nor the mappings and lists in it; `dict(it)` is a copy that can."""
+    """A dict that cannot be written, nor the mappings and lists in it, TypeError; `dict(it)` is a copy that can."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        """A copy of a mapping, sealed at every depth."""
+        """A copy of a mapping, sealed at every depth (`unwritable`)."""
         super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
-        """It is sealed again when it is unpickled."""
+        """Pickle its entries, so that it is sealed again when it is unpickled."""
         return Sealed, (dict(self),)
 
 
 class SealedList(list[Any]):
-    """A list that cannot be written, nor the mappings and lists in it; `list(it)` is a copy that can."""
+    """A list that cannot be written, nor the mappings and lists in it, TypeError; `list(it)` is a copy that can."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        """A copy of a list, sealed at every depth."""
+        """A copy of a list, sealed at every depth (`unwritable`)."""
         super().__init__(map(unwritable, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
     pop = remove = clear = sort = reverse = _refuse
 
     def __reduce__(self) -> Any:
-        """It is sealed again when it is unpickled."""
+        """Pickle its entries, so that it is sealed again when it is unpickled."""
         return SealedList, (list(self),)
 
 
 def unwritable(value: Any) -> Any:
-    """The same, with mappings and lists that cannot be written, at every depth."""
+    """The value with mappings and lists, at every depth, as `Sealed` and `SealedList` copies; anything else is
+    the same object.
+    """
     if isinstance(value, Mapping):
         return Sealed(value)
     if type(value) is tuple:
@@ -71,13 +75,13 @@ def unwritable(value: Any) -> Any:
 
 
 class kept(cached_property[T]):
-    """A `cached_property` whose arrays, mappings and lists are read-only."""
+    """A `cached_property` whose arrays are made read-only in place, and whose mappings and lists are sealed copies."""
 
     def __init__(self, function: Callable[[Any], T]) -> None:
-        """The property of a method, whose value is made read-only once it is found."""
+        """Make the property of a method, whose value is made read-only once it is found."""
 
         def found(self: Any) -> Any:
-            """The value, made read-only."""
+            """The method's value, made read-only."""
             return unwritable(read_only(function(self)))
 
         super().__init__(wraps(function)(found))

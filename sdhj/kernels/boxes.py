@@ -15,9 +15,10 @@ SIDE = 256  # nodes of rows that are turned together
 
 
 class Leaves(NamedTuple):
-    """Maxima of some functions over intervals along an axis: leaf i is of function parent[i] and interval which[i].
+    """Maxima of functions over intervals along an axis, a leaf each: leaf i is that of function parent[i] over interval
+    which[i].
 
-    parent, which (leaves,). For each interval and node taps (intervals, n, 2, 4), nodes around the two ends: before,
+    parent, which (leaves,). For each interval and node: taps (intervals, n, 2, 4), nodes around its two ends: before,
     left, right, behind; weight (intervals, n, 2, 2), share of the right node and factor of the limited second
     difference; between (intervals, n, 2), first node within the interval and the one behind the last, periodic axes
     unwrapped. point (intervals,), whether the two ends are one.
@@ -33,14 +34,19 @@ class Leaves(NamedTuple):
 
 @kernel(inline="always")
 def _limited(a, b):
-    """The lesser of two second differences; nothing where their signs differ."""
+    """The limited second difference: that of a and b with the lesser magnitude; 0 where their signs differ."""
     lesser = a if abs(a) < abs(b) else b
     return lesser if a * b > 0 else a - a  # not a * 0: that would be of double precision
 
 
 @kernel(**UNCOUNTED)
-def _end(out, values, taps, weight, start, stop, raised):
-    """The values between two nodes, of which the next ones are m and p; raised: the greater of them and `out`."""
+def _interpolate_end(out, values, taps, weight, start, stop, raised):
+    """out = the interpolant of the rows start:stop of values (n, B) between two nodes; raised: the greater of it and
+    `out`. In place.
+
+    a + share (b - a) + bend times the limited second difference. taps (4,): the nodes before, left, right and behind;
+    weight (2,): share and bend.
+    """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
     share, bend = weight[0], weight[1]
@@ -57,18 +63,24 @@ def _end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` of a node; raised: and of `out`."""
+    """out = max of values[:, start:stop], values (n, B), over interval `kind` of `leaves` around a node; raised:
+    and of `out`. In place.
+    """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
-    _end(out, values, taps[0], weight[0], start, stop, raised)
+    _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
     if not leaves.point[kind]:
-        _end(out, values, taps[1], weight[1], start, stop, np.bool_(True))  # True is a type of its own to Numba
+        _interpolate_end(
+            out, values, taps[1], weight[1], start, stop, np.bool_(True)
+        )  # True is a type of its own to Numba
         for other in range(leaves.between[kind, node, 0], leaves.between[kind, node, 1]):
             raise_to(out, values[other % values.shape[0], start:stop])
 
 
 @kernel()
-def _turned(out, values, kind, leaves, raised):
-    """The maximum over intervals of one leaf, for rows (rows, n, B) with few nodes each, side by side."""
+def _maximum_of_short_rows(out, values, kind, leaves, raised):
+    """out = the maximum over interval `kind` of `leaves` around each node, out (rows, nodes, B) of values (rows,
+    n, B), of few nodes each, done side by side; raised: and of what was in `out`. In place.
+    """
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
     turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)
@@ -91,9 +103,10 @@ def _turned(out, values, kind, leaves, raised):
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
-    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node.
+    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node, parent and
+    which those of `leaves`.
 
-    values (functions, A, n, B), out (leaves, A, nodes, B). raised: and of what was in `out`.
+    values (functions, A, n, B), out (leaves, A, nodes, B), in place. raised: and of what was in `out`.
     """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1
@@ -104,7 +117,7 @@ def maximum_of_intervals(values, leaves, raised, out):
         leaf, a = group // groups, group % groups * each
         kind, parent = leaves.which[leaf], leaves.parent[leaf]
         if short:
-            _turned(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
+            _maximum_of_short_rows(out[leaf, a : a + each], values[parent, a : a + each], kind, leaves, raised)
         else:
             start, stop = after * chunk // chunks, after * (chunk + 1) // chunks
             for node in range(nodes):

@@ -85,7 +85,9 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The compiled function, cached on disk where a folder can be written."""
+        """The function as a dispatcher of Numba, cached on disk where a folder can be written; with parallel=True
+        as `Shared`.
+        """
         whole = {"pipeline_class": Whole, **options} if LINKED else options
         try:
             dispatcher: Any = njit(cache=True, **whole)(function)
@@ -107,21 +109,25 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
 
 
 class Kernel(CPUDispatcher):
-    """A function that Python calls; compiled code that names it calls `within`, the same function compiled for that."""
+    """A dispatcher of Numba that Python calls; compiled code that names it calls `within`, the same function
+    compiled for that.
+    """
 
     within: Any = None  # of a copy in another process
 
     @property
     def _numba_type_(self) -> Any:
-        """The Numba type of the dispatcher, for calls from other kernels."""
+        """The type that Numba takes it for in compiled code that calls it: that of `within`."""
         return types.Dispatcher(self.within or self)
 
 
 class Whole(Compiler):
-    """Compiles a function that Python calls: what it calls is `Linked` with it, and the whole is optimised."""
+    """Numba's compiler for a function that Python calls: what it calls is `Linked` with it, and the whole is
+    optimised once.
+    """
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile with libraries that are linked into one, optimised as a whole."""
+        """Compile a function and all that it calls as one library, optimised as a whole; returns Numba's result."""
         codegen = self.state.targetctx.codegen()
         self.state.library = codegen.create_library(func.__qualname__)
         self.state.library.enable_object_caching()
@@ -146,12 +152,12 @@ class Linked(JITCodeLibrary):
     whole = False
 
     def _optimize_final_module(self) -> None:
-        """Optimise only the whole library."""
+        """Optimise the library if it is the `whole` one, else do nothing."""
         if self.whole:
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
-        """Finish the whole library; of a part, only what linking it needs."""
+        """Finish the library if it is the `whole` one; of a part, do only what linking it needs."""
         if self.whole:
             super()._finalize_final_module()
         else:
@@ -159,7 +165,9 @@ class Linked(JITCodeLibrary):
             self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Where the wrapper for Python is, 0 where there is none; the first that Numba asks of what is compiled."""
+        """The address of the wrapper for Python, 0 where there is none. The first call by Numba decides whether
+        the library is the `whole` one.
+        """
         if not self._finalized:
             defined = (function.name for function in self._final_module.functions if not function.is_declaration)
             self.whole = name in defined and not self.name.startswith(LOOP)
@@ -167,11 +175,13 @@ class Linked(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """Numba's code generator for the whole library; this object for its parts."""
+        """Numba's code generator for the whole library; for a part this object, whose `set_env` does nothing."""
         return self._codegen if self.whole else self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """There is no machine code that could be told; `Whole` does it where there is."""
+        """Do nothing: of a part there is no machine code that could be told of its environment; `Whole` does it
+        where there is.
+        """
 
 
 class MachineCode:
@@ -181,7 +191,9 @@ class MachineCode:
     """
 
     def __init__(self, files: Any, source: str) -> None:
-        """The files of a kernel, in place of those that Numba would use, stamped with the sources that it rests on."""
+        """The files of a kernel whose source file is `source`, in place of the `files` of Numba's cache, with a
+        stamp of the sources that it rests on.
+        """
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
         known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
         stamp = known or (files._source_stamp, sorted(sources().values()))
@@ -189,11 +201,15 @@ class MachineCode:
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
-        """The file of the machine code for a key."""
+        """The path of the file of the code for a key, Numba's signature and target: it is named by a digest of
+        key and sources.
+        """
         return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """The code kept under a key; None where there is none or it is damaged."""
+        """The code kept under a key, for Numba to read; None where there is none or it is damaged. Marks the file
+        as used now.
+        """
         path = self._path(key)
         try:
             whole = path.read_bytes()
@@ -207,7 +223,9 @@ class MachineCode:
         return data if kept == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep it, and clear what has not been used for long (once in a process)."""
+        """Keep the code `data` under a key in a file that is whole or absent, and remove files not used for long
+        (`_clear`, once in a process).
+        """
         path, code = self._path(key), self.dump((key, data))
         temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
         try:
@@ -218,13 +236,14 @@ class MachineCode:
         _clear(path.parent)
 
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """A dispatcher's `compile`, for which other processes wait: they then find what it kept.
+        """The function `compile_it`, a dispatcher's `compile`, but other processes wait while it compiles a signature,
+        and then find what it kept.
 
         Locks are taken in the order in which functions call one another, so no two processes wait for each other.
         """
 
         def compiled(signature: Any) -> Any:
-            """The code for a signature; other processes and threads wait meanwhile."""
+            """Compile a signature, or read its code; other processes and threads wait meanwhile."""
             path = self._path(signature).with_suffix(".lock")
             with global_compiler_lock, _locked(path):  # Numba's keeps other threads out
                 return compile_it(signature)
@@ -234,7 +253,9 @@ class MachineCode:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Within it no other process is let in at the same path; where that cannot be done, or takes too long, all are."""
+    """Within it no other process is let in at the same path, whose file is created and removed again; where that
+    cannot be done, or takes longer than `PATIENCE`, all are.
+    """
     lock, until = None, time.monotonic() + PATIENCE
     with suppress(OSError):
         lock = None if fcntl is None else open(path, "w")
@@ -249,7 +270,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _lock(file: int) -> bool:
-    """Whether a lock on an open file could be taken at once."""
+    """Take the lock on an open file, a descriptor, if it is free at once; whether it was."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -259,7 +280,9 @@ def _lock(file: int) -> bool:
 
 @contextmanager
 def _cache_is_optional() -> Iterator[None]:
-    """Let a kernel be compiled, or not kept, whatever is wrong with the cache on disk."""
+    """Within it whatever error the cache on disk raises is caught, and said once (`_say_uncached`): the kernel is
+    compiled, or not kept.
+    """
     try:
         yield
     except Exception as error:
@@ -268,7 +291,7 @@ def _cache_is_optional() -> Iterator[None]:
 
 @cache
 def _say_uncached(why: str) -> None:
-    """Warn, once for each process, that compiled code is not kept on disk."""
+    """Warn that compiled code is not kept on disk, and `why`; only the first time in a process."""
     if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
         warnings.warn(
             f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
@@ -290,17 +313,21 @@ class Shared:
     looked, free = -GLANCE, (1, 1)  # when `free_cores` has looked last, and what it has found then and before
 
     def __init__(self, dispatcher: Any, least: int = 0) -> None:
-        """A parallel kernel, of which arrays of fewer than `least` entries are worth one thread only."""
+        """Share the loops of a compiled `dispatcher` out, unless none of its arrays has `least` entries: then one
+        thread runs it.
+        """
         self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
-        """An attribute of the compiled function."""
+        """The attribute of that name of the compiled function."""
         if name.startswith("__"):  # which copies ask of one that is still empty
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the kernel on the cores that are free; RuntimeError in a process that was forked off one with threads."""
+        """Run the kernel on as many threads as cores are free, on one if its arrays are small; its result.
+        RuntimeError in a process that was forked off one with threads.
+        """
         if Shared.lost:
             raise RuntimeError(
                 "this process was forked off one in which sdhj had started threads, which OpenMP does not survive; "
@@ -339,7 +366,7 @@ def free_cores() -> int:
 
 
 def _forked() -> None:
-    """After a fork: threads of the parent do not exist here."""
+    """After a fork, in the child: make a new lock, and note whether threads cannot be used here (`Shared.lost`)."""
     Shared.running = threading.RLock()
     with suppress(ValueError):  # no threads were started
         lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
@@ -351,7 +378,8 @@ if hasattr(os, "register_at_fork"):
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function into each compiled one that calls it, anew for all types of arguments; options as `kernel`.
+    """A decorator that compiles a function into each compiled one that calls it, anew for all types of arguments;
+    options as `kernel`.
 
     It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
     compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
@@ -360,7 +388,7 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The function, inlined into every kernel that calls it."""
+        """The function itself, which kernels that call it inline from now on."""
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
@@ -375,11 +403,11 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
     functions = tuple(table.values())
 
     def call(place: tuple[int, ...], *arguments: Any) -> Any:
-        """Call the function whose number is the length of `place`."""
+        """The chosen function, functions[len(place)], called with the other arguments."""
         return functions[len(place)](*arguments)
 
     def compiled(place: Any, *types: Any) -> Callable[..., Any]:
-        """The same for the compiler, which knows the length from the type."""
+        """The implementation for the compiler, which knows the length of `place` from its type."""
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
@@ -389,13 +417,16 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
 
 
 def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
-    """The number of a table's entry as `chosen` takes it: a tuple of as many zeros."""
+    """The number of the entry `name` of a table, as `chosen` takes it: a tuple of as many zeros. ValueError if
+    there is none.
+    """
     return (0,) * list(table).index(name)
 
 
 @cache
 def sources() -> dict[str, str]:
-    """For each source file of this folder a digest of it and those of the folder that it imports, and what they import.
+    """By the path of each source file of this folder, a hexadecimal digest of it and of those of the folder that it
+    imports, and that these import.
 
     As they are when the first kernel is defined. What is imported stands at the top of a file and is named in full.
     """
@@ -421,7 +452,9 @@ def sources() -> dict[str, str]:
 
 
 def _imported(source: bytes) -> Iterator[str]:
-    """Names of the modules that a file imports at its top, and of all else that may be one."""
+    """Yield the full names of the modules that a file's source imports at its top, and of all else that it
+    imports and that may be one.
+    """
     text = source.decode(errors="replace")
     for module, names in re.findall(r"^from ([\w.]+) import (\([^)]*\)|.*)", text, re.MULTILINE):
         yield module
@@ -432,7 +465,9 @@ def _imported(source: bytes) -> Iterator[str]:
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove versions of kernels that nobody has used for `KEPT_DAYS`, and of those the oldest beyond `KEPT_BYTES`."""
+    """Remove the files of compiled kernels in a folder that nobody has used for `KEPT_DAYS`, and of the others
+    the oldest beyond `KEPT_BYTES`; once for each folder in a process.
+    """
     known = []
     for path in folder.glob("*.code"):
         with suppress(OSError):  # another process may be at it
@@ -446,19 +481,21 @@ def _clear(folder: Path) -> None:
 
 
 class _Announcer(Listener):
-    """Says `LINE` when the first kernel of this package is compiled, not when it is read from the cache."""
+    """A listener to Numba's compiling that says `LINE` when the first kernel of this package is compiled; one
+    that is read from the cache is not.
+    """
 
     said = False
 
     def on_start(self, event: Any) -> None:
-        """Say, once, that kernels are being compiled."""
+        """Write `LINE` to standard error, once, if what is compiled is of this package."""
         kernel = event.data["dispatcher"].py_func
         if not self.said and kernel.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 
     def on_end(self, event: Any) -> None:
-        """Nothing: the event's interface asks for it."""
+        """Do nothing: the interface of listeners asks for it."""
         pass
 
 

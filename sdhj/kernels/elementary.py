@@ -43,7 +43,8 @@ _inlined = inlined(error_model="numpy")
 
 @_inlined
 def _reduced(x):
-    """(x less the nearest whole number of quarter turns, that number in the last bits); NaN for more than TURNS.
+    """r and bits: x less the nearest whole number of quarter turns, |r| <= pi/4, and that number in the last bits of an
+    int64; r is NaN for more than TURNS.
 
     Each difference is exact or of the size of its larger operand, so the relative error stays small at zeros, too.
     """
@@ -55,7 +56,7 @@ def _reduced(x):
 
 @_inlined
 def _sine(r):
-    """Of |r| <= pi/4."""
+    """sin(r) for |r| <= pi/4, by fdlibm's polynomial."""
     z = r * r
     tail = 8.33333333332248946124e-03 + z * (
         -1.98412698298579493134e-04
@@ -66,7 +67,7 @@ def _sine(r):
 
 @_inlined
 def _cosine(r):
-    """Of |r| <= pi/4."""
+    """cos(r) for |r| <= pi/4, by fdlibm's polynomial."""
     z = r * r
     tail = -1.38888888888741095749e-03 + z * (
         2.48015872894767294178e-05
@@ -77,7 +78,7 @@ def _cosine(r):
 
 @_inlined
 def sine(x, ahead):
-    """sin(x + ahead pi/2), for a whole number `ahead`."""
+    """sin(x + ahead pi/2), for a whole number `ahead`: sin for 0, cos for 1. NaN for more than TURNS quarter turns."""
     r, quarter = _reduced(x)
     quarter += ahead
     value = _cosine(r) if quarter & 1 else _sine(r)
@@ -86,7 +87,9 @@ def sine(x, ahead):
 
 @_inlined
 def tan(x):
-    """tan(x) = sin(r) / cos(r), or -cos(r) / sin(r) in odd quarters, r reduced to [-pi/4, pi/4]."""
+    """tan(x) = sin(r) / cos(r), or -cos(r) / sin(r) in odd quarters, r reduced to [-pi/4, pi/4]. NaN for more
+    than TURNS quarter turns.
+    """
     r, quarter = _reduced(x)
     sine, cosine = _sine(r), _cosine(r)
     return (-cosine if quarter & 1 else sine) / (sine if quarter & 1 else cosine)
@@ -94,13 +97,15 @@ def tan(x):
 
 @_inlined
 def _power_of_two(exponent):
-    """2^exponent, from the bits of a double."""
+    """2^exponent for an int64 exponent from -1022 to 1023, by its bits."""
     return np.int64((exponent + 1023) << 52).view(np.float64)
 
 
 @_inlined
 def _exp(x, low):
-    """exp(x + low), where |low| is at most a unit in the last place of x, or so."""
+    """exp(x + low), where |low| is at most a unit in the last place of x, or so: 2^k e^r, e^r by a Taylor
+    polynomial.
+    """
     x = -750.0 if x < -750.0 else x
     x = 710.0 if x > 710.0 else x  # infinite in the end
     bits = x * LOG2E + ROUND
@@ -118,13 +123,13 @@ def _exp(x, low):
 
 @_inlined
 def exp(x):
-    """e^x."""
+    """e^x; 0 far below 0, infinity where it overflows."""
     return _exp(x, 0.0)
 
 
 @_inlined
 def _split(x):
-    """x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite; k is a float."""
+    """k, a float, and f of x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite."""
     small = x < 2.0**-1022
     bits = np.float64(x * 2.0**54 if small else x).view(np.int64) + (ONE_BITS - ROOT_BITS)
     k = np.int64(np.int64(np.uint64(bits) >> np.uint64(52)) | WHOLE_BITS).view(np.float64) - (2.0**52 + 1023)
@@ -133,7 +138,7 @@ def _split(x):
 
 @_inlined
 def log(x):
-    """The natural logarithm: k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f)."""
+    """The natural logarithm: k ln 2 + log(1 + f), by fdlibm's polynomial in s = f / (2 + f). NaN for x <= 0."""
     k, f = _split(x)
     s = f / (2.0 + f)
     z = s * s
@@ -149,7 +154,7 @@ def log(x):
 
 @_inlined
 def _product(a, b):
-    """a b as the sum of two floats (Dekker 1971), for numbers of moderate size."""
+    """p and the rest: a b as the sum of two floats (Dekker 1971), for numbers of moderate size."""
     p, wide_a, wide_b = a * b, a * 134217729.0, b * 134217729.0
     head_a, head_b = wide_a - (wide_a - a), wide_b - (wide_b - b)
     tail_a, tail_b = a - head_a, b - head_b
@@ -158,7 +163,7 @@ def _product(a, b):
 
 @_inlined
 def _long_log(x):
-    """log(x) as the sum of two floats, to 62 bits; x > 0 and finite.
+    """log(x) as the sum of two floats, returned, to 62 bits; x > 0 and finite.
 
     2 artanh(s) with s = f / (2 + f) as two floats; of the series 2 (s + s^3/3 + s^5/5 ...) the first two terms, too.
     """
@@ -181,7 +186,7 @@ def _long_log(x):
 
 @_inlined
 def pow(a, b):
-    """a^b for a > 0, or a = 0 and b > 0; NaN elsewhere."""
+    """a^b = exp(b log(a)) for a > 0, or 0 for a = 0 and b > 0; NaN elsewhere."""
     high, low = _long_log(a)
     much = 2.0**80  # with it every power but of 1 is 0 or infinite
     b = much if b > much else b
@@ -195,7 +200,7 @@ def pow(a, b):
 
 @_inlined
 def _artan(p, q):
-    """arctan(p / q) for p, q >= 0, not both 0 and not both infinite, as the sum of two floats."""
+    """arctan(p / q) for p, q >= 0, not both 0 and not both infinite, as the sum of two floats, returned."""
     x = p / q
     kind = (1.0 if x > 7 / 16 else 0.0) + (1.0 if x > 11 / 16 else 0.0) + (1.0 if x > 19 / 16 else 0.0)
     c = 0.5 * kind
@@ -220,7 +225,7 @@ def _artan(p, q):
 
 @_inlined
 def arctan(x):
-    """arctan(x), odd: that of |x| as a sum of two doubles, with the sign of x."""
+    """arctan(x) in [-pi/2, pi/2]: that of |x| as the sum of two floats, with the sign of x."""
     high, low = _artan(abs(x), 1.0)
     value = high + low
     return -value if x < 0.0 else value
@@ -228,7 +233,9 @@ def arctan(x):
 
 @_inlined
 def arctan2(y, x):
-    """From -pi to pi. The sign of a zero counts as in NumPy: +-0 or +-pi at the origin, and +-pi where x < 0."""
+    """The angle of (x, y), y first, from -pi to pi. The sign of a zero counts as in NumPy: +-0 or +-pi at the
+    origin, and +-pi where x < 0.
+    """
     high, low = _artan(abs(y), abs(x))
     origin = (y == 0.0) & (x == 0.0)
     high, low = 0.0 if origin else high, 0.0 if origin else low
@@ -249,7 +256,7 @@ def tanh(x):
 
 @_inlined
 def _arc(z):
-    """(arcsin(s) - s) / s for z = s^2 <= 1/4."""
+    """(arcsin(s) - s) / s for z = s^2 <= 1/4, by fdlibm's rational function."""
     p = 2.01212532134862925881e-01 + z * (
         -4.00555345006794114027e-02 + z * (7.91534994289814532176e-04 + z * 3.47933107596021167570e-05)
     )
@@ -260,7 +267,7 @@ def _arc(z):
 
 @_inlined
 def arcsin(x):
-    """arcsin(x), by a rational function; pi/2 - 2 arcsin(sqrt((1 - |x|) / 2)) for |x| > 1/2."""
+    """arcsin(x), by a rational function; pi/2 - 2 arcsin(sqrt((1 - |x|) / 2)) for |x| > 1/2. NaN for |x| > 1."""
     size = abs(x)
     large = size > 0.5
     z = 0.5 * (1.0 - size) if large else x * x
@@ -272,7 +279,7 @@ def arcsin(x):
 
 @_inlined
 def arccos(x):
-    """arccos(x) = pi/2 - arcsin(x), by half angles for |x| > 1/2."""
+    """arccos(x) = pi/2 - arcsin(x), by half angles for |x| > 1/2. NaN for |x| > 1."""
     size = abs(x)
     large = size > 0.5
     z = 0.5 * (1.0 - size) if large else x * x

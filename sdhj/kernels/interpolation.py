@@ -31,13 +31,16 @@ class Lattice(NamedTuple):
 
 @kernel()
 def among(node, count):
-    """A node of a periodic axis with so many: whole turns do not matter. A division costs as much as all the rest."""
+    """A node of a periodic axis, also whole turns away, as one of its `count` nodes: node modulo count. A
+    division costs as much as all the rest.
+    """
     return node if 0 <= node < count else node % count
 
 
 @kernel()
 def locate(coordinate, axis, lattice):
-    """(node at or left of a coordinate, weight of the node to its right); beyond a wall, those of the wall.
+    """(node at or left of a coordinate along an axis of the lattice, weight of the node to its right); beyond an end of
+    a bounded axis, those of the end.
 
     Nodes of a periodic axis are to be taken modulo its shape.
     """
@@ -52,7 +55,7 @@ def locate(coordinate, axis, lattice):
 
 @kernel()
 def on_grid(point, lattice):
-    """Whether a point (ndim,) is finite and within the walls."""
+    """Whether a point (ndim,) is finite and, to `SLACK` cells, between the ends of the lattice's bounded axes."""
     for axis in range(point.size):
         position = (point[axis] - lattice.lower[axis]) / lattice.spacing[axis]
         if not (abs(position) < FAR):
@@ -64,7 +67,8 @@ def on_grid(point, lattice):
 
 @kernel()
 def corners(point, axes, lattice, tiny, index, weight):
-    """Flat indices and weights of the nodes around a point on the subgrid of `axes`; returns how many.
+    """Write the flat indices and the weights of the nodes around a point (ndim,) on the subgrid of `axes` of the
+    lattice; returns how many.
 
     Nodes of no weight are left out; a weight below `tiny` is taken for rounding, the point for one on the other node.
     `index` and `weight`, both (2^len(axes),), are modified in place.
@@ -97,7 +101,9 @@ def corners(point, axes, lattice, tiny, index, weight):
 
 @kernel()
 def weighted(values, row, index, weight, count):
-    """The interpolated `values[row]`, of values (rows, size), between the nodes that `corners` found."""
+    """The sum of weight[c] values[row, index[c]] for c < count: the interpolated row of values (rows, size),
+    between the nodes that `corners` found.
+    """
     total = 0.0
     for c in range(count):
         total += weight[c] * values[row, index[c]]
@@ -106,7 +112,9 @@ def weighted(values, row, index, weight, count):
 
 @kernel(parallel=True)
 def interpolate(values, points, lattice):
-    """Interpolate grid `values` (1, size) at `points` (M, ndim); `OUTSIDE` off the grid. Returns (M,) float64."""
+    """Multilinear interpolation of grid `values` (1, size), flat, at `points` (M, ndim): (M,) float64; `OUTSIDE`
+    off the grid, a `Lattice`.
+    """
     count, ndim = points.shape
     out = np.empty(count)
     chunk = 1024  # one pair of scratch rows for each chunk of points
@@ -125,7 +133,7 @@ def interpolate(values, points, lattice):
 
 @kernel()
 def turned(x, lower, upper):
-    """A coordinate of a periodic axis, turned to where it is between the ends, upper left out."""
+    """A coordinate x of a periodic axis, moved by whole turns into [lower, upper)."""
     past = x - lower
     if not 0.0 <= past < upper - lower:  # a division costs as much as all the rest
         past %= upper - lower
@@ -134,7 +142,9 @@ def turned(x, lower, upper):
 
 @kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
-    """Wrap all coordinates of periodic axes into [lower, upper); `points` is written."""
+    """Wrap the coordinates of points (M, ndim) on periodic axes into [lower, upper), in place; lower, upper,
+    periodic (ndim,).
+    """
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):
             if periodic[axis]:

@@ -23,44 +23,47 @@ _inlined = inlined(error_model="numpy")
 
 @_inlined
 def lesser(a, b):
-    """The second where one is NaN."""
+    """The lesser of two numbers; the second where one is NaN."""
     return a if a < b else b
 
 
 @_inlined
 def larger(a, b):
-    """The second where one is NaN."""
+    """The larger of two numbers; the second where one is NaN."""
     return a if a > b else b
 
 
 @_inlined
 def nearest(low, high):
-    """The least absolute value."""
+    """The least absolute value of the numbers in [low, high]."""
     return larger(larger(low, -high), 0.0)
 
 
 @_inlined
 def farthest(low, high):
-    """The largest absolute value."""
+    """The largest absolute value of the numbers in [low, high]."""
     return larger(-low, high)
 
 
 @_inlined
 def hull(p, q, r, s):
-    """The least and the greatest of four numbers."""
+    """The least and the greatest of four numbers, two floats."""
     return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))  # obligation 7.5
 
 
 @_inlined
 def widened(low, high, share, tiny, zero):
-    """Ends moved outward by a share of them, and by `tiny`, or by `zero` an end that is 0."""
+    """Both ends moved outward: by a share of their magnitude, and by `tiny`, but an end that is 0 by `zero` in
+    its place.
+    """
     less, more = zero if low == 0.0 else tiny, zero if high == 0.0 else tiny
     return low - (abs(low) * share + less), high + (abs(high) * share + more)
 
 
 @_inlined
 def summed(a, b, c, d):
-    """a + b and c + d, each moved outward only where it is not already beyond the exact sum.
+    """The lower end a + b and the upper end c + d, each moved outward only where it is not already beyond the exact
+    sum.
 
     What rounding took away is a number, and its sign is known (Knuth's sum of two). So a sum that is exact stays, and
     where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, it is still in it.
@@ -80,14 +83,16 @@ def left_over(a, b, total):
 
 @_inlined
 def of_signs(low, high, negative, positive):
-    """Widened ends of products or quotients, none of them negative, or none positive, where that is so."""
+    """Both ends of products or quotients moved outward by a unit in the last place, but not across 0: unless some
+    of them is `negative`, low is at least 0; unless some is `positive`, high is at most 0.
+    """
     low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)  # obligation 7.3
     return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)  # obligation 7.6
 
 
 @_inlined
 def mul(a, b, c, d):
-    """a b: the hull of the products of the ends, rounded outward."""
+    """[a, b] [c, d]: the hull of the products of the ends, rounded outward; two floats."""
     low, high = hull(a * c, a * d, b * c, b * d)
     negative, positive = (a < 0.0) & (d > 0.0) | (b > 0.0) & (c < 0.0), (a < 0.0) & (c < 0.0) | (b > 0.0) & (d > 0.0)
     return of_signs(low, high, negative, positive)
@@ -95,7 +100,9 @@ def mul(a, b, c, d):
 
 @_inlined
 def div(a, b, c, d):
-    """a / b: the hull of the quotients of the ends, rounded outward; NaN where b holds 0."""
+    """[a, b] / [c, d]: the hull of the quotients of the ends, rounded outward, two floats; the lower end NaN
+    where [c, d] holds 0.
+    """
     above, below = c > 0.0, d < 0.0
     low, high = hull(a / c, a / d, b / c, b / d)
     negative, positive = (a < 0.0) & above | (b > 0.0) & below, (b > 0.0) & above | (a < 0.0) & below
@@ -105,14 +112,17 @@ def div(a, b, c, d):
 
 @_inlined
 def _holds_whole(low, high):
-    """Whether a whole number lies in an interval, or within the rounding of its ends."""
+    """Whether a whole number lies in [low, high], or within the rounding of its ends."""
     slack = 4.0 * STEP * (1.0 + farthest(low, high))
     return np.ceil(low - slack) <= np.floor(high + slack)
 
 
 @_inlined
 def wave(low, high, p, q, shift):
-    """sin or cos, p and q at the ends: its maxima are at shift, its minima at shift + 1/2, in turns and modulo 1."""
+    """The ends of sin or cos over [low, high] radians: from p and q, its values at the ends, -1 and 1 where an
+    extreme lies within. Its maxima are at shift, its minima at shift + 1/2, in turns and modulo 1. NaN where an
+    end is too large.
+    """
     low, high = low * TURN - shift, high * TURN - shift
     most = 1.0 if _holds_whole(low, high) else larger(p, q)  # obligation 7.9
     least = -1.0 if _holds_whole(low - 0.5, high - 0.5) else lesser(p, q)  # obligation 7.10
@@ -121,15 +131,17 @@ def wave(low, high, p, q, shift):
 
 @_inlined
 def tan(low, high, least):
-    """Its least value, NaN across a pole."""
+    """The lower end of tan over [low, high] radians: `least`, the value there; NaN across a pole."""
     return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least  # obligation 7.12
 
 
 @_inlined
 def mod(a, b, c, d, p, q):
-    """p and q: mod(a, c) and mod(b, d). By a constant, and where no lap ends, it rises with its first operand.
+    """The ends of mod over the operands [a, b] and [c, d], from p = mod(a, c) and q = mod(b, d): rounded outward where
+    it rises from p to q, else from 0 to the divisor. NaN where the divisor may be 0, or laps are more than LAPS.
 
-    A lap that ends between a and b, less than one lap apart, leaves the second value below the first.
+    By a constant, and where no lap ends, it rises with its first operand. A lap that ends between a and b, less than
+    one lap apart, leaves the second value below the first.
     """
     rises = (c == d) & ((b - a < abs(c)) & (p < q) | (a == b))
     low, high = lesser(c, 0.0), larger(d, 0.0)
@@ -140,7 +152,9 @@ def mod(a, b, c, d, p, q):
 
 @_inlined
 def power(low, high, p, q, n):
-    """p and q: the least and the largest n-th power, widened; odd powers have the sign of their base."""
+    """The ends of the n-th power over [low, high], from p and q, its least and largest values, widened: odd
+    powers have the sign of their base. NaN where a negative power meets 0.
+    """
     p, q = larger(0.0, p) if low >= 0.0 else p, lesser(0.0, q) if (high <= 0.0) & (n % 2 != 0) else q
     q = q if (n >= 0) | (farthest(p, q) < LARGE) else INF
     return p if (n >= 0) | (low > 0.0) | (high < 0.0) else NAN, q  # obligation 7.14

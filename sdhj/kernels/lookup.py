@@ -32,9 +32,11 @@ from sdhj.kernels.tubes import (
 
 @kernel(**UNCOUNTED)
 def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
-    """The look at the true sets for some rows, by their tapes; False where they are undefined.
+    """Do the look at the true sets for some rows, states (M, ndim) by number, by their tapes, and undo in `out` what
+    they refute; False where they are undefined.
 
-    table : (shelf, lattice). space : (room, samples, work)
+    table : (stored_tubes, lattice). space : (scratch, samples, work), see `samples_for`. when, packs, ahead, out : as
+        for `decide`.
     """
     (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
         when,
@@ -59,11 +61,13 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 
 
 @kernel(**UNCOUNTED)
-def _lead(begin, rows, states, packs, ends, found, work):
-    """Write what inputs lead to from states rows[begin:], and hulls; how many nodes these may touch, -1: undefined.
+def _write_ahead(begin, rows, states, packs, ends, found, work):
+    """Write what inputs lead to from states rows[begin:], and the hulls of their boxes; returns how many nodes these
+    may touch at most, -1 where formulas are undefined.
 
-    found : near (4 + K, L, ndim, R), which may be `ends` if that is one for all; of it what makes hulls; at (R, ndim),
-    overwritten; hulls
+    rows : the states at hand. packs, ends : as for `decide`. found : near (4 + K, L, ndim, R), which may be `ends` if
+        that is one for all; of it what makes hulls; at (R, ndim), overwritten; hulls (R, 2, ndim). work : see
+        `work_for`.
     """
     (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -88,7 +92,10 @@ def _lead(begin, rows, states, packs, ends, found, work):
 
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
-    """The answers for some states; False where formulas are undefined."""
+    """Write to `out` the answers for the states with numbers `rows`, of (M, ndim); False where formulas are
+    undefined. space : (scratch, samples, work), see `samples_for`; when, packs, stored, ahead, out : as for
+    `decide`.
+    """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
     still, timed = part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)
@@ -143,7 +150,7 @@ def decide(states, rows, when, packs, stored, ahead, out):
     work = work_for(slots, min(BLOCK, width * max(count, 1)))
     for begin in range(0, rows.size, width):
         some = rows[begin : begin + width]
-        needed = _lead(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
+        needed = _write_ahead(begin, some, states, packs, ends, (near, boxes, at, scratch.hull), work)
         if needed > size:
             size, block = 2 * needed, (np.empty(2 * needed, np.int64), np.empty(4 * needed))
             scratch = LookupScratch(*scratch[:7], *block, *scratch[9:])  # type: ignore[call-arg]

@@ -58,7 +58,7 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
 
 @kernel(inline="always")
 def along_one(normals, axis):
-    """Whether a normal has a part along an axis."""
+    """Whether some of the normals (K, ndim) has a part along an axis."""
     for k in range(normals.shape[0]):
         if normals[k, axis] != 0.0:
             return True

@@ -24,8 +24,10 @@ BIT = np.uint64(1)
 class Cells(NamedTuple):
     """The cells of every axis as arrays of shape (ndim,), and how blocks are packed.
 
-    layers (2, ndim) int64: 1 where the first or the last cell lies outside the axis, and stands for its end alone.
-    told: whether only points behind a wall, by half a shell, are in its layer: those of which it is known.
+    lower, width, length : where the first cell begins, how wide one is, and how long they all are, in the axis's unit;
+        counts, periodic.
+    layers (2, ndim) int64 : 1 where the first or the last cell lies outside the axis, and stands for its end alone.
+    told : whether only points behind a wall, by half a shell, are in its layer: those of which it is known.
     """
 
     lower: FloatArray
@@ -39,14 +41,14 @@ class Cells(NamedTuple):
 
 
 def to_words(bits: FloatArray) -> FloatArray:
-    """Bool (..., n) as uint64 (..., ceil(n / 64)), the first bit lowest."""
+    """Bool (..., n) as packed uint64 (..., ceil(n / 64)), bit b of a word the b-th of its 64 values, 0 behind the n."""
     padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
     padded[..., : bits.shape[-1]] = bits
     return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
 
 
 def to_bits(blocks: FloatArray, count: int) -> FloatArray:
-    """Blocks (R, W) as bool (R, count)."""
+    """Packed blocks (R, W) uint64 as bool (R, count): their first `count` bits."""
     return np.unpackbits(blocks.view(np.uint8), axis=1, count=count, bitorder="little").view(np.bool_)
 
 
@@ -55,13 +57,13 @@ def to_bits(blocks: FloatArray, count: int) -> FloatArray:
 
 @kernel(inline="always")
 def has_bit(block, bit):
-    """Whether a bit of packed words is set."""
+    """Whether bit number `bit` of a block (W,) uint64 is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & BIT != 0
 
 
 @kernel(inline="always")
 def bits_between(word, start, stop):
-    """The bits of word number `word` that are among the bits start..stop-1 of a block."""
+    """A word whose set bits are those of word number `word` that are among the bits start to stop - 1 of a block."""
     bits = FULL
     if word == start >> 6:
         bits &= FULL << np.uint64(start & 63)
@@ -72,14 +74,14 @@ def bits_between(word, start, stop):
 
 @kernel(inline="always")
 def set_bits(block, start, stop):
-    """Set the bits start..stop-1 of a block. In place."""
+    """Set the bits start to stop - 1 of a block (W,), in place."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         block[word] |= bits_between(word, start, stop)
 
 
 @kernel(inline="always")
 def has_bits(block, start, stop):
-    """Whether the bits start..stop-1 are all set."""
+    """Whether the bits start to stop - 1 of a block (W,) are all set."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         if ~block[word] & bits_between(word, start, stop) != 0:
             return False
@@ -88,7 +90,7 @@ def has_bits(block, start, stop):
 
 @kernel(inline="always")
 def shifted_word(block, word, shift):
-    """Word `word` of the block moved so that bit b shows bit b + shift (zero beyond the ends)."""
+    """Word number `word` of the block, moved so that bit b shows bit b + shift (zero beyond the ends)."""
     source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
     shown = np.uint64(0)
     if 0 <= source < block.size:
@@ -103,7 +105,8 @@ def shifted_word(block, word, shift):
 
 @kernel(parallel=True)
 def erode_packed(cells, shifts, passes):
-    """AND of shifted copies of every block, one packed axis after the other.
+    """AND of shifted copies of every block, one packed axis after the other: a bit stays if those at all shifts are
+    set.
 
     cells (R, W) uint64, modified in place. shifts (A, K) int64 : for each packed axis in bits, zero entries are
     skipped. passes (A, K, W) uint64 : bits whose shifted neighbour lies beyond a wall, they pass.
@@ -122,7 +125,9 @@ def erode_packed(cells, shifts, passes):
 
 @kernel(parallel=True)
 def erode_rows(cells, first, number, out):
-    """out[i] = AND of cells[(first[i] + c) % n] for c < number[i], of rows of (n, W) arrays."""
+    """out[i] = AND of cells[(first[i] + c) % n] for c < number[i], of rows of (n, W) uint64 arrays; first, number
+    (n,).
+    """
     n, words = cells.shape
     for row in prange(n):
         i, k = np.int64(row), first[row]
@@ -136,7 +141,7 @@ def erode_rows(cells, first, number, out):
 
 @kernel(parallel=True)
 def add_certified(cells, first, number, allowed, clear, out):
-    """out |= (erosion of `cells` along the middle axis, as in `erode_rows`) & clear, for the row cells where `allowed`.
+    """out |= (AND of cells[a, (first[i] + c) % n] for c < number[i]) & clear, for the row cells (a, i) where `allowed`.
 
     cells, clear, out (A, n, W) uint64, `out` modified in place; first, number (n,) int64; allowed (A, n) bool.
     """
@@ -169,9 +174,10 @@ def add_certified(cells, first, number, allowed, clear, out):
 
 @kernel(**UNCOUNTED)
 def cells_at(state, cells, slack, found):
-    """The cells within slack (ndim,) of a state (ndim,), each once, in `found` (2^ndim, ndim); returns how many.
+    """Write to `found` (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
 
-    None off a bounded axis, or `MOST_LAPS` of a periodic one away.
+    None off a bounded axis, or `MOST_LAPS` of a periodic one away. Cells outside an axis count where a state is known
+    to be at its wall (`Cells.told`).
     """
     held = 1
     for axis in range(state.size):
@@ -210,7 +216,7 @@ def cells_at(state, cells, slack, found):
 
 @kernel(inline="always")
 def row_and_bit(cell, cells):
-    """(row, bit) of a cell."""
+    """The number of a cell's block, by the first `rows` axes of `cells` (`Cells`), and of its bit there."""
     row, bit = 0, 0
     for axis in range(cell.size):
         if axis < cells.rows:
@@ -222,9 +228,11 @@ def row_and_bit(cell, cells):
 
 @kernel(nogil=True)
 def fewest_steps(states, cells, slack, index, pool, out):
-    """The first of nested sets with a certified cell within slack (ndim,) of each of the states (M, ndim).
+    """out[m] = the number of the first of nested sets with a certified cell of `cells` (`Cells`) within slack (ndim,)
+    of states[m], (M, ndim).
 
-    index (n, R), pool (B, W) : the blocks of each row of the n sets, each inside the next
+    index (n, R), pool (B, W) : the numbers of the blocks of each row of the n sets, each inside the next, and the
+    blocks
     out (M,) int64 : 0 to n - 1, or n where none holds the state. Overwritten.
     """
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
@@ -244,9 +252,10 @@ def fewest_steps(states, cells, slack, index, pool, out):
 
 @kernel(nogil=True)
 def held_in_boxes(first, last, cells, index, pool, out):
-    """Whether all, and whether any, of the cells from first to last, both (M, ndim), are in a set: out (2, M) bool.
+    """Whether all, and whether any, of the cells from first[m] to last[m], both (M, ndim) and included, are in a set:
+    out (2, M) bool, overwritten.
 
-    index (R,), pool (B, W) : the set's blocks. Overwritten.
+    index (R,), pool (B, W) : the numbers of the set's blocks, and the blocks.
     """
     for m in range(first.shape[0]):
         cell, more = first[m].copy(), True

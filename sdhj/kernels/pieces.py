@@ -15,7 +15,10 @@ from sdhj.kernels.compiling import kernel
 
 @kernel(nogil=True)
 def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
-    """Write where boxes that began at `start` are, and a guess of what they sweep next: as much as `before`."""
+    """Write to `ends` where boxes that began at `start` are, start + moved, and to `enclosure` a guess of what
+    they sweep next: ends and 1.2 times as much outward as in the piece `before`, and the shell; at `start` on
+    shift_invariant axes. All (2, M, ndim).
+    """
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(start.shape[1]):
@@ -32,7 +35,10 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
 
 @kernel(nogil=True)
 def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
-    """Write what boxes sweep within h at velocities that hold in `enclosure`; whether they stay inside it."""
+    """Write to `out` what boxes `ends` sweep within h s at velocities that hold in `enclosure`, with a quarter of
+    the shell: from ends to ends + h velocity; on shift_invariant axes the ends. Returns whether all stay inside
+    the enclosure, so that it was right. All (2, M, ndim).
+    """
     inside = True
     for side in range(2):
         way = 2.0 * side - 1.0
@@ -49,7 +55,9 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
 
 @kernel(nogil=True)
 def narrow_to_face(ends, velocity, h, side, axis, shell, box):
-    """Narrow boxes to where, within h, the state can be the first (side 0) or the last (1) of all along an axis."""
+    """Narrow `box` along an axis to where, within h s, the state can be the first (side 0) or the last (1) of
+    all: ends[side] + h [min(velocity, 0), max(velocity, 0)], with an eighth of the shell (a number). In place.
+    """
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
         box[0, m, axis] = end + h * (least if least < 0.0 else 0.0) - shell / 8  # obligation 2.15
@@ -58,7 +66,7 @@ def narrow_to_face(ends, velocity, h, side, axis, shell, box):
 
 @kernel(nogil=True)
 def move_on(moved, velocity, h):
-    """Add what ends move by within h, rounded outward; exactly nothing where they stand still. In place."""
+    """moved += h velocity, rounded outward; exactly nothing where an end stands still. In place."""
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(moved.shape[1]):
@@ -71,7 +79,9 @@ def move_on(moved, velocity, h):
 
 @kernel(nogil=True)
 def hold_back(start, moved, shift_invariant, walls):
-    """Let ends move to the walls (2, ndim) of their axes at most. In place."""
+    """Clip start + moved at the walls (2, ndim) of the axes that are not shift_invariant, rounded outward;
+    `moved` in place.
+    """
     for side in range(2):
         for m in range(start.shape[1]):
             for k in range(shift_invariant.size):
@@ -86,7 +96,8 @@ def hold_back(start, moved, shift_invariant, walls):
 
 @kernel(nogil=True)
 def cut_boxes(low, high, ends, periodic, out, rows):
-    """Cut boxes (M, d) at the ends (2, d) of axes, and where a periodic one closes; returns how many there are then.
+    """Cut boxes from low to high, (M, d) each, at the ends (2, d) of axes, and where a periodic one closes; returns how
+    many pieces there are.
 
     out (2, M * 2^periodic, d), rows (M * 2^periodic,): the pieces, those of a box one behind the other, and of which
     box each is. Overwritten.

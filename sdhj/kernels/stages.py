@@ -60,13 +60,17 @@ def _larger(a, b):
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
-    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i."""
+    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i, from c = phi_i and the three values to its left
+    and to its right.
+    """
     return c - left[0], right[0] - c
 
 
 @_inlined
 def second_order(c, left, right):
-    """Each difference is corrected by half the smaller of the second differences at its two nodes."""
+    """dx p- and dx p+: the first differences, each corrected by half the smaller of the second differences at its
+    two nodes. Arguments as for `first_order`.
+    """
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
     bend = plus - minus
@@ -75,7 +79,10 @@ def second_order(c, left, right):
 
 @_inlined
 def third_order(c, left, right):
-    """The parabola through the node and two on one side, or one on each, whichever bends less; the smaller cubic."""
+    """dx p- and dx p+: the slope of the parabola through the node and two on one side, or one on each, whichever
+    bends less, corrected by the smaller of two third differences (ENO, Osher & Shu 1991). Arguments as for
+    `first_order`.
+    """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
     minus, plus = c - m1, p1 - c
@@ -93,7 +100,9 @@ def third_order(c, left, right):
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
 @_inlined
 def godunov(minus, plus, low, high):
-    """The exact one: each velocity takes its upwind difference, standing still is allowed where the box holds zero."""
+    """Godunov's numerical Hamiltonian of one axis, from minus = p- and plus = p+: max(low p, high p), each
+    velocity with its upwind difference, and at least 0 where low < 0 < high, as standing still is allowed then.
+    """
     zero = type(low)(0.0)
     best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
     return _larger(best, zero) if (low < zero) & (high > zero) else best
@@ -101,7 +110,9 @@ def godunov(minus, plus, low, high):
 
 @_inlined
 def lax_friedrichs(minus, plus, low, high):
-    """H of the mean difference and just enough dissipation."""
+    """Lax-Friedrichs's numerical Hamiltonian of one axis, from minus = p- and plus = p+: H((p- + p+) / 2) +
+    max(|low|, |high|) (p+ - p-) / 2, just enough dissipation.
+    """
     half = type(low)(0.5)
     mean = half * (minus + plus)
     return _larger(low * mean, high * mean) + half * _larger(abs(low), abs(high)) * (plus - minus)
@@ -114,10 +125,13 @@ _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 
 
 @_inlined
-def _axes(rest, near, start, first, velocities):
-    """For each axis where the runs to its left and to its right begin, and its velocities; `rest` has those to come.
+def _runs_of_axes(rest, near, start, first, velocities):
+    """A tuple with, for each axis, the begins of the three runs to its left and of the three to its right, and its
+    `_velocity`; `rest` has as many entries as axes are still to come.
 
-    Read before the loop and kept in registers: for all the compiler knows, the loop may write over any array.
+    near : `Layout.near` of the plane; start : where the run begins in it; first : where it begins in the array.
+        velocities : as for `stage`, of one input. Read before the loop and kept in registers: for all the compiler
+        knows, the loop may write over any array.
     """
     if len(rest) == 0:
         return ()
@@ -126,12 +140,14 @@ def _axes(rest, near, start, first, velocities):
     left = np.uint64(at[0] + start), np.uint64(at[1] + start), np.uint64(at[2] + start)
     right = np.uint64(at[3] + start), np.uint64(at[4] + start), np.uint64(at[5] + start)
     this = left, right, _velocity(velocities, axis, len(near), first)
-    return (this, *_axes(rest[1:], near, start, first, velocities))
+    return (this, *_runs_of_axes(rest[1:], near, start, first, velocities))
 
 
 @_inlined
 def _velocity(velocities, axis, ndim, first):
-    """The lower and upper velocity of an axis; or, where they depend on the state, where those begin, and 1 / dx."""
+    """The lower and upper velocity of an axis of ndim, divided by dx; or, where they depend on the state, where
+    those at the node `first` stand in the box, and 1 / dx. velocities : as for `stage`, of one input.
+    """
     box = velocities[0]
     if len(velocities) == 1:
         return box[axis], box[ndim + axis]
@@ -142,7 +158,9 @@ def _velocity(velocities, axis, ndim, first):
 
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
-    """p-, p+ and the velocities of one axis at node i of a run, where phi is c."""
+    """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi, a flat array, is c;
+    `axis` is its entry of `_runs_of_axes`, box : the velocities, order : of differences.
+    """
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
     return _scaled(*_differences(order, c, left, right), velocity, box, i)
@@ -150,7 +168,9 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """p-, p+ and the velocities of an axis at a node: differences times 1 / dx, unless velocities have it."""
+    """p-, p+ and the lower and upper velocity of an axis at node i: the differences `minus` and `plus` times 1 /
+    dx, unless velocities have it. velocity : of `_velocity`, which says where in the box they are.
+    """
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
     low, high, inverse = velocity
@@ -158,18 +178,22 @@ def _scaled(minus, plus, velocity, box, i):
 
 
 @_inlined
-def _sum(axes, total, phi, box, scheme, c, i):
-    """`total` and the numerical Hamiltonians of the axes at node i, one after the other."""
+def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
+    """`total` plus the numerical Hamiltonians of the axes at node i, where phi is c, one after the other; axes:
+    what is left of `_runs_of_axes`; box: the velocities; scheme: (order, flux).
+    """
     if len(axes) == 0:
         return total
     order, flux = scheme
     total += _hamiltonian(flux, *_upwind(phi, axes[0], box, order, c, i))
-    return _sum(axes[1:], total, phi, box, scheme, c, i)
+    return _sum_hamiltonians(axes[1:], total, phi, box, scheme, c, i)
 
 
 @_inlined
 def _dot(rest, total, p, field, at, stride, i):
-    """`total` and the products p * field of the axes at node i; `rest` has those to come, `stride` lies between two."""
+    """`total` plus sum over axes of p[axis, i] field[axis] at node i; `rest` has as many entries as axes are to
+    come, the field's first stands at `at`, the next `stride` on.
+    """
     if len(rest) == 0:
         return total
     total += p[len(p) - len(rest), i] * field[at + i]
@@ -178,27 +202,33 @@ def _dot(rest, total, p, field, at, stride, i):
 
 @_inlined
 def _kept(keep, old):
-    """keep * old, and 0 where nothing is kept: what was there need not even be a number."""
+    """keep * old, and 0 where keep is 0: what was there need not even be a number."""
     return keep * (old if keep > 0 else keep)
 
 
 @kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
-    """One stage at `count` nodes from `here` on, everything in one loop; arrays are flat.
+    """One stage at `count` nodes from `here` on, everything in one loop, in place: out = keep out + (1 - keep) (phi +
+    dt H), H the sum of the axes' numerical Hamiltonians; arrays are flat.
 
-    Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
+    axes : of `_runs_of_axes`; box : the velocities; scheme : (order, flux); step : (dt, keep). Indices are unsigned:
+        the compiler then need not wonder whether they are negative, and vectorises.
     """
     dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     for node in range(count):
         i = np.uint64(node)
         c = phi[here + i]
-        out[here + i] = _kept(keep, out[here + i]) + rest * (c + dt * _sum(axes, zero, phi, box, scheme, c, i))
+        out[here + i] = _kept(keep, out[here + i]) + rest * (
+            c + dt * _sum_hamiltonians(axes, zero, phi, box, scheme, c, i)
+        )
 
 
 @kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
-    """Write the mean difference along one axis, and add the Lax-Friedrichs dissipation to `rhs`."""
+    """mean = (p- + p+) / 2 along one axis at the nodes from `here` on, and rhs += max(|low|, |high|) (p+ - p-) /
+    2, the Lax-Friedrichs dissipation; both (count,), in place. Other arguments as for `_upwind`.
+    """
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
         i = np.uint64(node)
@@ -209,14 +239,16 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
 
 @kernel(**UNCOUNTED)
 def raise_to(out, bound):
-    """out = max(out, bound), element by element."""
+    """out[i] = max(out[i], bound[i]), in place; (n,) each."""
     for i in range(out.size):
         out[i] = _larger(out[i], bound[i])
 
 
 @kernel()
 def _raise_to_mode(best, p, axes, drift, gain, first):
-    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on; drift (ndim, nodes) and so on."""
+    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on, in place; drift (ndim,
+    nodes), gain (ndim, D, nodes), or of one plane for all. axes : a tuple of ndim entries.
+    """
     value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
     at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
     for node in range(value.size):
@@ -233,7 +265,12 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
-    """One stage for coupled velocities, loop by loop: there are too many of them for the registers."""
+    """One stage at `count` nodes from `here` on for coupled velocities, in place: out = keep out + (1 - keep) (phi + dt
+    (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at the mean differences p.
+
+    Loop by loop: there are too many velocities for the registers. axes, order, step : as for `_advance_box`; velocities
+    : (box, inverse, drift, gain), as for `stage`.
+    """
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
     p, rhs, best = np.empty((len(axes), count), phi.dtype), np.zeros_like(like), np.full_like(like, -np.inf)
@@ -248,7 +285,9 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
 
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
-    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane, and those made of them."""
+    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane as `layout` has it, and
+    the ghost rows that are copies of these. In place.
+    """
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
         base = row * width
@@ -264,8 +303,10 @@ def _fill_ghosts(plane, layout, begin, end):
 
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
-def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage`: (number of the share, number of shares)."""
+def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
+    """One thread's share of `stage` for one input, written to `out`: of all planes and chunks of the layout,
+    share number share[0] of share[1]. scheme : (order, flux); the others as for `stage`.
+    """
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
     for task in range(share[0] * tasks // share[1], (share[0] + 1) * tasks // share[1]):
@@ -274,7 +315,7 @@ def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
         begin, end = layout.rows * chunk // layout.chunks, layout.rows * (chunk + 1) // layout.chunks
         start = (begin + layout.top) * layout.width + layout.ghosts
         first, count = plane * size + start, (end - begin) * layout.width - 2 * layout.ghosts
-        axes = _axes(phi.shape, layout.near[plane], start, first, velocities)
+        axes = _runs_of_axes(phi.shape, layout.near[plane], start, first, velocities)
         if len(velocities) == 4:
             _advance_coupled(ahead, flat, np.uint64(first), count, axes, velocities, scheme[0], step)
         else:
@@ -286,7 +327,7 @@ def _share(phi, out, obstacle, velocities, scheme, layout, step, share):
 
 @_inlined
 def _of_input(velocities, j):
-    """The velocities of one input, in the form that it has."""
+    """The velocities of input j alone, a tuple of the form that `stage` takes, without the leading axis."""
     if len(velocities) == 1:
         return (velocities[0][j],)
     if len(velocities) == 2:
@@ -315,4 +356,4 @@ def stage(phi, out, obstacle, velocities, order, flux, layout, step):
     blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):
         j, share = np.int64(task) // blocks, (np.int64(task) % blocks, blocks)
-        _share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)
+        _stage_share(phi[j], out[j], obstacle, _of_input(velocities, j), (order, flux), layout, step, share)

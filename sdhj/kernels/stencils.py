@@ -58,7 +58,9 @@ class Boxes(NamedTuple):
 
 @kernel(inline="always")
 def cell_of(number, counts, cell):
-    """Write the cell whose flat number, last axis fastest, is `number`."""
+    """Write to cell (ndim,) the indices of the cell whose flat number, last axis fastest, is `number`; counts
+    (ndim,).
+    """
     for back in range(counts.size):
         axis = counts.size - 1 - back
         cell[axis] = number % counts[axis]
@@ -67,7 +69,9 @@ def cell_of(number, counts, cell):
 
 @kernel(**UNCOUNTED)
 def step_on(at, number, axes):
-    """From a place of a box, at[axis] < number[axis] for so many axes, to the next, the last axis fastest. In place."""
+    """Move `at` from one place of a box, at[axis] < number[axis] for so many axes, to the next, the last axis
+    fastest; after the last one to the first. In place.
+    """
     axis = axes - 1
     while axis >= 0:
         at[axis] += 1
@@ -79,9 +83,11 @@ def step_on(at, number, axes):
 
 @kernel(**UNCOUNTED)
 def box_of_image(cell, low, high, safe, cells, axes, box):
-    """Write the first cell and the number of cells of an image on the first axes, and a begin; how many rows these are.
+    """Write to box (3, ndim) the first cell, the number of cells, and a begin of 0, of the image cell + low to cell +
+    high on the first `axes` axes; returns how many rows these are.
 
-    Rows are of all axes but the last. It is 0 where the image is past a safe end (2, ndim), see `Moves`.
+    Rows are of all axes but the last. On a bounded axis the image is clipped at the ends. It is 0 where the image is
+    past a safe end (2, ndim), see `Moves`.
     """
     first, number, at, total = box[0], box[1], box[2], 1
     for axis in range(axes):
@@ -101,7 +107,7 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
 
 @kernel(inline="always")
 def row_of_box(box, cells):
-    """The row of cells that a begin of `box_of_image` stands at."""
+    """The number of the row of cells that the begin of a box (`box_of_image`) stands at."""
     row = 0
     for axis in range(cells.counts.size - 1):
         count, place = cells.counts[axis], box[0, axis] + box[2, axis]
@@ -113,14 +119,16 @@ def row_of_box(box, cells):
 def image_inside(cell, low, high, safe, cells, index, pool, scratch):
     """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; scratch (3, ndim).
 
-    safe (2, ndim): see `Moves`.
+    safe (2, ndim): see `Moves`. True where the image is past a safe end.
     """
     return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, scratch), cells, index, pool, scratch)
 
 
 @kernel(**UNCOUNTED)
 def rows_inside(total, cells, index, pool, scratch):
-    """Whether all cells of a box with so many rows are in a set; scratch as `box_of_image` left it, but for begins."""
+    """Whether all cells of the box in `scratch`, as `box_of_image` left it, with `total` rows, are in a set with
+    rows pool[index]; its begin is overwritten.
+    """
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
     word, short = begin >> 6, end <= whole and (end - 1) >> 6 == begin >> 6
@@ -139,7 +147,9 @@ def rows_inside(total, cells, index, pool, scratch):
 
 @kernel(**UNCOUNTED)
 def has_lines(cell, moves, cells, axes):
-    """Whether the image of a cell is lines: it is far enough from the ends of the first `axes` axes."""
+    """Whether the image of a cell is lines of `moves` (`Moves`): there are some, and the cell is at least `halo`
+    cells from the ends of the first `axes` axes.
+    """
     for axis in range(axes if moves.lines.shape[0] > 0 else 0):
         # obligation 3.20
         if cell[axis] < moves.halo[0, axis] or cell[axis] >= cells.counts[axis] - moves.halo[1, axis]:
@@ -149,7 +159,9 @@ def has_lines(cell, moves, cells, axes):
 
 @kernel(inline="always")
 def line_of_box(box, oblique):
-    """The number of the line that a begin of `box_of_image` stands at."""
+    """The number of the line of `Moves` that the begin of a box (`box_of_image`) stands at, by the axes that are
+    oblique.
+    """
     line = 0
     for axis in range(oblique.size - 1):
         if oblique[axis]:
@@ -159,7 +171,9 @@ def line_of_box(box, oblique):
 
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
-    """`image_inside` of an image of `Moves`, which may be lines."""
+    """Whether the image of a cell at a place under move j of `moves` (`Moves`), a box or lines, is in a set with
+    rows pool[index]; scratch (3, ndim) as for `image_inside`.
+    """
     last = cell.size - 1
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
     if not has_lines(cell, moves, cells, cell.size):
@@ -186,7 +200,9 @@ def move_inside(cell, j, place, moves, cells, index, pool, scratch):
 
 @kernel(inline="always")
 def runs_of_ones(block, begin, length):
-    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are, length <= 64."""
+    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are all set, 1 <=
+    length <= 64.
+    """
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
     while run < length:  # obligation 3.5
         more = min(run, length - run)
@@ -198,7 +214,9 @@ def runs_of_ones(block, begin, length):
 
 @kernel(inline="always")
 def runs(block, begin, length):
-    """`runs_of_ones` of any length; all ones where it is 0 or less."""
+    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are all set, of any
+    length; all ones where that is 0 or less.
+    """
     out = ~np.uint64(0)
     for at in range(0, length, 64):
         out &= runs_of_ones(block, begin + at, min(length - at, 64))
@@ -207,10 +225,11 @@ def runs(block, begin, length):
 
 @kernel(**UNCOUNTED)
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
-    """Write which of the 64 cells of a word have their image in a set, of each move, found (L,) uint64; and return any.
+    """Write to found (L,) uint64, a bit for each, which of the 64 cells of word number `word` have their image under
+    each move in a set; returns the OR of these.
 
     cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
-    rows of the set with what comes before and behind them on the last axis, in words.
+    rows of the set with what comes before and behind them on the last axis, in words. scratch (3, ndim): overwritten.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
@@ -239,11 +258,12 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
 @kernel(parallel=True)
 def grow(near, inside, following, clear, moves, groups, cells, keep):
-    """Of the cells in some words, add those that a move of each group leads into `following`; keep: only such stay in.
+    """Of the cells in words that are `near`, add those that a move of each group leads into `following`; keep: of those
+    in `inside`, keep only such.
 
     near (R, W) bool: the words; inside, following (R, W): the sets, `inside` modified in place. The moves are `groups`
-    of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is
-    (0, 0). Where all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
+    of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is (0,
+    0). Where all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -256,7 +276,9 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 
 @kernel(**UNCOUNTED)
 def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
-    """`grow` for one row; sets: (near, inside) of it, (index, pool) as for `image_inside`; scratch arrays."""
+    """`grow` for one row; sets: (near (W,), inside (W,)) of it, in place, (index, pool) as for `image_inside`;
+    scratch: (4, ndim) int64, and (L,) uint64 where the pool is extended; the others as for `grow`.
+    """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
     last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
     cell_of(row * last, cells.counts, cell)
@@ -293,9 +315,10 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
 
 @kernel(parallel=True)
 def add_marked(inside, clear, marks, strides, counts):
-    """Add to a set the cells with a bit in both clear (cells, bytes) and marks (sites, bytes).
+    """Add to a set, in place, the cells with a bit in both clear[cell] and marks[site], (cells, bytes) and (sites,
+    bytes).
 
-    inside (R, W): the set, in place; a cell is at the site sum(cell * strides).
+    inside (R, W): the set; a cell is at the site sum(cell * strides), strides and counts (ndim,).
     """
     last = counts[counts.size - 1]
     for i in prange(inside.shape[0]):
@@ -313,11 +336,11 @@ def add_marked(inside, clear, marks, strides, counts):
 
 @kernel(**UNCOUNTED)
 def reached_words(rows, changed, far, cells, out, scratch, hit):
-    """Mark the words with cells whose images under some input may hold cells that changed.
+    """Mark in out (R, W) bool the words with cells whose images under some input may hold cells that changed: words are
+    set to True, none to False.
 
-    changed (n, W): not 0 in the words of some rows (n,) that have such cells. far (inputs, 2, ndim): how far each
-    input leads from any place, first and last. out (R, W) bool: words are set to True. scratch (4, ndim - 1)
-    int64, hit (W,) bool.
+    changed (n, W): not 0 in the words of some rows (n,) that have such cells. far (inputs, 2, ndim): how far each input
+    leads from any place, first and last. scratch (4, ndim - 1) int64, hit (W,) bool.
     """
     (cell, begin, number, at), last, words = (
         (scratch[0], scratch[1], scratch[2], scratch[3]),
@@ -357,7 +380,9 @@ def reached_words(rows, changed, far, cells, out, scratch, hit):
 
 @kernel(inline="always")
 def predecessors_along(first, last, far, count, periodic):
-    """The first and the last cell of an axis from which an image may hold one of some cells."""
+    """The first and the last cell of an axis of `count` cells from which an image, far[0] to far[1] cells on, may
+    hold one of the cells first to last; on a periodic axis unwrapped.
+    """
     begin, end = first - far[1], last - far[0]  # obligation 3.8
     if periodic:
         return begin, min(end, begin + count - 1)
@@ -367,7 +392,9 @@ def predecessors_along(first, last, far, count, periodic):
 
 @kernel(inline="always")
 def boxes_along(low, high, k, lattice):
-    """The first of the lattice boxes along an axis that [low, high] overlaps, and the one behind the last."""
+    """The number of the first of the lattice boxes along its k-th axis that [low, high], in the axis's unit,
+    overlaps, and of the one behind the last; at least one. On a periodic axis in two laps.
+    """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
     if lattice.periodic[k]:
@@ -394,8 +421,9 @@ SEGMENT = 16  # cells of a line that are looked up together first
 class Placed(NamedTuple):
     """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
 
-    Of `mark_collisions` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,);
-    edges (ndim, most + 1); safe (2, ndim): what is past these has left by a safe end; infinite where there are none.
+    Of `mark_collisions` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,); edges
+    (ndim, most + 1): where cells begin and end; safe (2, ndim): what is past these has left by a safe end; infinite
+    where there are none.
     """
 
     counts: FloatArray
@@ -410,7 +438,9 @@ class Placed(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def parts_inside(cell, tube, layout):
-    """In how many parts of the interval, from the first on, what was in a cell may still be between the safe ends."""
+    """In how many of the parts of the interval, from the first on, what was in a cell may still be between the
+    safe ends of the layout (`Placed`); tube (parts, ndim, 2): how far its ends move in each.
+    """
     for axis in range(cell.size):
         if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
             break
@@ -428,11 +458,11 @@ def parts_inside(cell, tube, layout):
 
 @kernel(parallel=True)
 def mark_collisions(clear, tubes, places, lattice, bit, layout):
-    """Clear a bit of the cells from which a tube may meet an unsafe set.
+    """Clear a bit (a mask) of the cells from which a tube may meet an unsafe set: of clear (cells,) uint8, in place.
 
-    clear (cells,) uint8, modified in place; tubes (places, parts, ndim, 2): how far the lower and the upper end of a
-    cell at a place move in each part of the interval. places (begin, end) of the cells looked at. Lines are along an
-    axis of the lattice.
+    tubes (places, parts, ndim, 2): how far the lower and the upper end of a cell at a place move in each part of the
+    interval. places: (begin, end) of those looked at. lattice: the `Boxes` that may meet the set. layout: the cells in
+    lines along an axis of the lattice.
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     for chunk in prange(CHUNKS):
@@ -444,7 +474,8 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
-    """`mark_collisions` for one of `CHUNKS` chunks of the cells.
+    """`mark_collisions` for chunk number `chunk` of `CHUNKS` of the cells, with its arguments; scratch: arrays that are
+    overwritten.
 
     Span 0 is the whole interval, the others are its parts: only what is met in some of them is looked up in each.
     """
@@ -478,7 +509,12 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
 
 @kernel(inline="always")
 def swept_boxes(number, span, tube, k, lattice, edges):
-    """The lattice boxes along an axis of it that a cell's tube overlaps: the first, and the one behind the last."""
+    """The first of the lattice boxes (`Boxes`) along its k-th axis that the tube of cell `number` of that axis
+    overlaps, and the one behind the last.
+
+    tube (parts, ndim, 2): how far the lower and upper end of the cell move in each part of the interval; span: 0 of the
+    whole interval, else of part span - 1. edges (ndim, most + 1): where cells begin and end.
+    """
     axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
     for part in range(begin + 1, end):
@@ -489,7 +525,11 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 @kernel(**UNCOUNTED)
 def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
-    """Write `swept_boxes` along a line, as steps in the sums: along (2, length) of its cells, hulls (2, segments)."""
+    """Write `swept_boxes` along a line that begins at cell `begin`, times the step of its axis in the sums: scratch is
+    along (2, length), first and behind last of each cell, and hulls (2, segments), of each segment.
+
+    span, tube, lattice : as for `swept_boxes`; layout : the `Placed`.
+    """
     (along, hulls), step = scratch, 1
     for k in range(lattice.axes.size - 1, -1, -1):
         if lattice.axes[k] == layout.axis:
@@ -504,9 +544,11 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
 
 @kernel(**UNCOUNTED)
 def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
-    """Write where, on all axes but a line's, the corners of `swept_boxes` are in the sums, and which are subtracted.
+    """Write where, on all axes but a line's, the corners of `swept_boxes` of a cell (ndim,) are in the sums, and which
+    are subtracted.
 
-    corner (2, 2^(d - 1)): places, and 1 or -1; at (2, d): scratch.
+    scratch : corner (2, 2^(d - 1)), places, and 1 or -1; at (2, d), overwritten. span, tube, lattice : as for
+        `swept_boxes`; layout : the `Placed`.
     """
     (corner, at), d = scratch, lattice.axes.size
     for k in range(d):
@@ -525,7 +567,8 @@ def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
 
 @kernel(**UNCOUNTED)
 def count_in_a_line(sums, corner, along, hulls, left, met):
-    """Write how many boxes that may meet the set each cell's tube overlaps, met (length,); or 0 where nothing is left.
+    """Write to met (length,) how many boxes that may meet the set each cell's tube overlaps, by differences of `sums`;
+    0 in segments in which nothing is left, or none overlaps.
 
     Segments are looked up first: corner (2, 2^(d - 1)), along (2, length) and hulls (2, segments) as in the functions
     above.
@@ -545,7 +588,9 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
 @kernel(parallel=True)
 def mark_exits(clear, tubes, places, faces, bit, layout):
-    """Clear a bit of the cells from which a tube may leave by an unsafe end: faces (2, ndim), else infinite."""
+    """Clear a bit (a mask) of the cells from which a tube may leave by an unsafe end: of clear (cells,) uint8, in
+    place; faces (2, ndim): these ends, infinite for others. tubes, places, layout : as for `mark_collisions`.
+    """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
         scratch = np.empty(ndim, np.int64), np.empty((2, ndim))
@@ -554,7 +599,9 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
-    """`mark_exits` for one of `CHUNKS` chunks; `far` (2, ndim) holds how far a cell's ends get."""
+    """`mark_exits` for chunk number `chunk` of `CHUNKS`, with its arguments; scratch: a cell (ndim,), and how far
+    a cell's ends get (2, ndim), overwritten.
+    """
     (cell, far), lines, along = scratch, layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
     for i in range(chunk * total // CHUNKS, (chunk + 1) * total // CHUNKS):
@@ -580,7 +627,9 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
 
 @kernel(inline="always")
 def past_a_face(cell, far, faces, edges, along, others):
-    """Whether ends (2, ndim) of a cell that get so far are beyond a face on an axis, or on one of the others."""
+    """Whether the lower or upper end of a cell (ndim,), of the edges (ndim, most + 1), moved by far (2, ndim), is
+    beyond one of the faces (2, ndim) on the axis `along`, or, for `others`, on one of the others.
+    """
     left = False
     for axis in range(cell.size):
         if (axis == along) != others:  # obligation 4.28
@@ -591,10 +640,11 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 @kernel(nogil=True)
 def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
-    """Inputs that are safe from some cells (M, ndim) and lead into a set with a step less than `ahead` (M,) to go.
+    """out[m, j] &= whether input j is safe from the cell some[m], (M, ndim), and leads into the set of one step less
+    than ahead[m] to go; out (M, L) bool: the inputs that are asked about, in place.
 
-    clear (cells, bytes); sets (n, R): the rows of those with 0, 1, ... steps to go, all later ones the last one; where
-    there are none, inputs that are safe. out (M, L) bool: the inputs that are asked about; in place.
+    moves: `Moves`. clear (cells, bytes): a bit for each safe input. sets (n, R): the rows, in `pool`, of those with 0,
+    1, ... steps to go, all later ones the last one; where there are none, inputs that are safe.
     """
     scratch = np.empty((3, some.shape[1]), np.int64)
     for m in range(some.shape[0]):
@@ -612,10 +662,11 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
 
 @kernel(nogil=True)
 def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
-    """Which inputs, known to be safe, are certified, for cells in lines along an axis but the last.
+    """`certified_inputs`, with its arguments, of inputs known to be safe, for cells some (M, ndim) that lie in lines
+    along an axis (`along`) but the last: out (M, L) bool, in place.
 
     No place depends on that axis, and it has no safe ends. So from cell to cell of a line an image goes on along it,
-    and only what of it is new is looked at. out (M, L) bool: the inputs that are asked about; in place.
+    and only what of it is new is looked at.
     """
     ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
@@ -645,7 +696,7 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
 
 @kernel(inline="always")
 def same_line(cell, other, along):
-    """Whether two cells differ on one axis only."""
+    """Whether a cell and another one, (ndim,) each, differ on the axis `along` at most."""
     for axis in range(cell.size):
         if axis != along and cell[axis] != other[axis]:
             return False
@@ -654,11 +705,13 @@ def same_line(cell, other, along):
 
 @kernel(**UNCOUNTED)
 def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
-    """`inputs_in_lines` of one line under one input: out (M,) bool.
+    """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set: out
+    (M,) bool, see `inputs_in_lines`.
 
     asked: where on the axis its cells are (M,), the steps to go (M,), and from where to where an image lies there.
     shape: the rows (R,) of a slice of an image, the first one on the axis, and from where to where it lies on the last.
-    seen (n, 3): of each set the first slice that was looked at, the last one, or -2, and the last that is not in it.
+    sets, pool: as for `certified_inputs`. seen (n, 3): of each set the first slice that was looked at, the last one, or
+    -2, and the last that is not in it.
     """
     (own, ahead, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]

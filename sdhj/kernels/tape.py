@@ -55,7 +55,9 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
-    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few blocks."""
+    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few
+    blocks: arrays [least of 4, greatest of 4, least of 16, ...]; [] for a small table.
+    """
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
         for axis in range(values.ndim):
@@ -66,7 +68,8 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 
 
 def packed(*arrays: Packable) -> Tape:
-    """Arrays one behind the other, in one of whole numbers and one of others: Python hands over few arrays sooner.
+    """Arrays one behind the other, as a `Tape`: those of whole numbers in `ints`, those of floats in `floats`,
+    read-only; Python hands over few arrays sooner.
 
     Where the k-th begins and ends stands before the whole numbers; `part` finds it. One that is a list is of its arrays
     together, which are copied once: maps are large.
@@ -84,25 +87,27 @@ def packed(*arrays: Packable) -> Tape:
 
 @kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
-    """The k-th of packed arrays, as one row; array: those of its sort."""
+    """The k-th of packed arrays (`packed`), a flat view; array: `ints` or `floats`, in which it lies."""
     return array[ints[2 * k] : ints[2 * k + 1]]
 
 
 @kernel(**UNCOUNTED)
 def length(ints, k):
-    """How many numbers the k-th of packed arrays has."""
+    """How many numbers the k-th of packed arrays has; ints: the packed whole numbers."""
     return ints[2 * k + 1] - ints[2 * k]
 
 
 @kernel(**UNCOUNTED)
 def slots_of(ints, first):
-    """How many slots the tape has whose code is the `first` of packed arrays; 0 where there is no tape."""
+    """How many slots the tape has whose code is number `first` of the packed arrays; 0 where there is no tape."""
     return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for sums, products, extremes and the like."""
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR; scratch
+    (rows, points), op by its number. NaN where a divisor is 0.
+    """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
         for m in range(count):
@@ -138,7 +143,9 @@ def _arithmetic(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for elementary functions."""
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD; scratch
+    (rows, points), op by its number.
+    """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
         for m in range(count):
@@ -180,7 +187,11 @@ def _elementary(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(scratch, i, n, k, count):
-    """By squares, from the first binary digit of |n| on: at most |n| roundings each count once."""
+    """scratch[k] = scratch[i]^n at `count` points, n a whole number.
+
+    By squares, from the first binary digit of |n| on: at most |n| roundings each count once. NaN for 0 to a negative
+    power.
+    """
     (a, out), digits = (scratch[i], scratch[k]), 0
     for m in range(count):
         out[m] = 1.0 if a[m] == a[m] else NAN
@@ -200,7 +211,9 @@ def _power(scratch, i, n, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, scratch, i, j, k, last, count):
-    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points: comparisons, signs and choices."""
+    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to
+    WHERE, truth values being 1 and 0; scratch (rows, points), op by its number.
+    """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
         for m in range(count):
@@ -227,7 +240,9 @@ def _truths(op, scratch, i, j, k, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
-    """Row k of `scratch` = operation of rows i and j, and `last` (of `where`); n: exponent of `power`."""
+    """Row k of `scratch` = operation `op` of rows i and j, and `last` (of `where`), at `count` points; n:
+    exponent of `power`.
+    """
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
     elif op == POWER:
@@ -240,7 +255,10 @@ def _values(op, scratch, i, j, k, n, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
-    """(value at a position, in nodes; how large what it was made of is); corner (64,): overwritten."""
+    """The table's value at a position (axes,), in nodes, by multilinear interpolation, and the largest magnitude
+    at the nodes around it. The table's entries are tables[first:]; lookup: its row of `Tape`; corner (64,):
+    overwritten.
+    """
     axes, most = lookup[0], 0.0
     for c in range(1 << axes):
         index = 0
@@ -260,7 +278,11 @@ def _interpolated(tables, first, lookup, position, corner):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _gridded(lookup, places, tables, scratch, place, out, count, corners):
-    """Multilinear interpolation of a table at `count` points whose coordinates are rows of scratch."""
+    """out[m] = multilinear interpolation of a table, held at its ends, at `count` points; NaN where a coordinate is.
+
+    lookup, places, tables : its rows, and the array, of `Tape`. The coordinates are the rows place[slot] of scratch.
+        corners : two arrays that are overwritten.
+    """
     position, corner = corners
     for m in range(count):
         fine = True
@@ -273,13 +295,17 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
 
 @kernel(nogil=True)
 def work_for(slots, points):
-    """Room to play tapes with so many slots, so many points at a time: numbers, rows of slots, what look-ups need."""
+    """Room to play tapes with so many slots at so many points at a time: rows of numbers (slots + 1, points),
+    which row each slot is (slots,), and two arrays for look-ups.
+    """
     return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(tape, points, parameters, out, start, stop, work):
-    """`play_part` of (ints, floats, first) where there is room already (`work_for`): compiled code may call it.
+    """`play_part`, of a tape (ints, floats, first), with the room `work` (`work_for`), which is overwritten: compiled
+    code may call it. Writes out[:, start:stop] from points (M, C) and parameters (P,). Returns 0 where all values are
+    finite, else NaN.
 
     A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
     """
@@ -318,16 +344,19 @@ def play_with_scratch(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """`play` of the points from start to stop. Returns 0 where all values are finite.
+    """`play` of the points from start to stop, into those columns of out (K, M). Returns 0 where all values are finite,
+    else NaN.
 
-    first : the place of the tape's code among the packed arrays.
+    ints, floats : packed arrays; first : the place of the tape's code among them. points (M, C), parameters (P,).
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
     return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
-    """Values of a tape at points (M, C) with parameters (P,), into out (K, M); whether all of them are finite."""
+    """Write the values of a tape at points (M, C) with parameters (P,) into out (K, M); whether all of them are
+    finite. What is undefined is NaN.
+    """
     ints, floats = tape
     parameters = read_only(parameters)  # as those are that compiled look-ups give
     if len(points) * len(ints) < MANY:
@@ -336,7 +365,9 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
 
 
 def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
-    """Play parts in several threads; a parallel kernel would compile everything once more."""
+    """What part(*arguments, start, stop) returns of parts of 0 to count, each in a thread of its own; a parallel
+    kernel would compile everything once more.
+    """
     threads = get_num_threads()
     ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
@@ -345,7 +376,9 @@ def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
 
 @kernel(nogil=True, error_model="numpy")
 def _magnitudes(scratch, i, k, count):
-    """The interval of |a| at `count` points, from that of a."""
+    """Write the interval of |a| at `count` points to rows 2 k and 2 k + 1 of scratch, from that of a in rows 2 i
+    and 2 i + 1.
+    """
     a, out = scratch[2 * i : 2 * i + 2], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
@@ -353,9 +386,11 @@ def _magnitudes(scratch, i, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _at_ends(op, fact, scratch, i, j, k, n, count):
-    """Row 2 k of `scratch`, and the next: the values at those ends of the operands where they are extreme.
+    """Rows 2 k and 2 k + 1 of `scratch`: the values of an operation, op by its number, at those ends of the operands
+    where it is least and greatest, at `count` points, not rounded outward.
 
-    The operands are in rows 2 i and 2 j, and the next; the last four rows are overwritten.
+    The operands' ends are in rows 2 i and 2 j, and the next; fact: the operation's row of what is known; n: exponent of
+    `power`. The last four rows are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
@@ -376,7 +411,9 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _outward(op, fact, scratch, i, j, k, n, count):
-    """Intervals from the values at the ends, which are overwritten: outward rounding, and what is between the ends."""
+    """Rows 2 k and 2 k + 1 of `scratch` from values at the ends, which are there, to intervals: rounded outward,
+    with what is between the ends, as the extremes of sin. Arguments as in `_at_ends`.
+    """
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
         for m in range(count):
@@ -408,7 +445,9 @@ def _outward(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _direct_bounds(op, scratch, i, j, k, last, count):
-    """Intervals of the operations that do not need `_at_ends`; rows as there."""
+    """Write the intervals of the operations that do not need `_at_ends` to rows 2 k and 2 k + 1 of scratch,
+    rounded outward; rows as there, `last` of `where`'s third operand.
+    """
     a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
     if op == ADD:
@@ -443,8 +482,10 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _around(lookup, tables, first, last, block, at):
-    """Copy the values at the nodes from first to last, on each axis, into a block, one row behind the other."""
+def _copy_nodes(lookup, tables, first, last, block, at):
+    """Copy a table's values at the nodes first to last (axes,), both included, from `tables` into a block
+    (nodes,), the last axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
+    """
     at[:], axes, place = first, lookup[0], 0
     while at[0] <= last[0]:
         index = np.int64(0)
@@ -465,8 +506,9 @@ def _around(lookup, tables, first, last, block, at):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _cut(block, before, count, behind, low, high):
-    """Values at the ends of an interval in place of those at the nodes around it, along one axis of a block.
+def _interpolate_ends(block, before, count, behind, low, high):
+    """Values at the ends of an interval in place of those at the first and the last of `count` nodes around it, along
+    one axis of a block (before, count, behind), flat and in place.
 
     The interval begins `low` of a cell behind the first node and ends `high` behind the last but one.
     """
@@ -479,8 +521,10 @@ def _cut(block, before, count, behind, low, high):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _of_blocks(lookup, tables, first, last):
-    """The least and the greatest value at the nodes from first to last and some beside them: those of few blocks."""
+def _extremes_of_blocks(lookup, tables, first, last):
+    """The least and the greatest value of a table at the nodes first to last (axes,) and some beside them: those
+    of few blocks of its `pyramid` that cover them. lookup : its row of `Tape`; tables : the array.
+    """
     axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
         size *= lookup[7 + axis]
@@ -504,9 +548,12 @@ def _of_blocks(lookup, tables, first, last):
 
 @kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
-    """The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis.
+    """out[0, m], out[1, m] = bounds of a table's interpolant over box m, for `count` boxes; NaN where an end is.
+    lookup, places, tables : as for `_gridded`; the ends of a coordinate are in rows 2 place[slot] and the next of
+    scratch.
 
-    Of a box with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
+    The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis. Of a box
+    with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
     """
     axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
     ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
@@ -524,17 +571,19 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
             total *= last[axis] - first[axis] + 1
         least, greatest = INF if fine else NAN, -INF
         if fine and total > MOST_NODES[axes]:
-            least, greatest = _of_blocks(lookup, tables, first, last)
+            least, greatest = _extremes_of_blocks(lookup, tables, first, last)
         largest = max(abs(least), abs(greatest)) if total > MOST_NODES[axes] else 0.0
         if fine and total <= MOST_NODES[axes]:
-            _around(lookup, tables, first, last, block, at)
+            _copy_nodes(lookup, tables, first, last, block, at)
             for k in range(total):
                 largest = max(largest, abs(block[k]))
             before, behind = np.int64(1), total
             for axis in range(axes):
                 nodes = last[axis] - first[axis] + 1
                 behind //= nodes
-                _cut(block, before, nodes, behind, ends[0, axis] - first[axis], ends[1, axis] - last[axis] + 1.0)
+                _interpolate_ends(
+                    block, before, nodes, behind, ends[0, axis] - first[axis], ends[1, axis] - last[axis] + 1.0
+                )
                 before *= nodes
             for k in range(total):
                 least, greatest = lesser(block[k], least), larger(block[k], greatest)
@@ -544,8 +593,10 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
 
 @kernel(nogil=True, error_model="numpy")
-def _or_nothing(scratch, i, j, k, count):
-    """Both ends of a result NaN where one is not finite or an operand is NaN; rows as in `_at_ends`."""
+def _undefined_to_nan(scratch, i, j, k, count):
+    """Make both ends of intervals in rows 2 k and 2 k + 1 of scratch NaN where one is not finite or an operand is
+    NaN; rows as in `_at_ends`.
+    """
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         fine = (out[0, m] >= -LARGEST) & (out[1, m] <= LARGEST) & (a[m] == a[m]) & (b[m] == b[m])  # obligation 7.28
@@ -554,7 +605,9 @@ def _or_nothing(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
-    """`play_bounds` of the boxes from start to stop; rows as in `play_part`."""
+    """`play_bounds`, with its arguments, of the boxes from start to stop, into those columns of out; tape :
+    (ints, floats).
+    """
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
     slots, outputs, places = part(ints, ints, SLOTS)[0], part(ints, ints, RESULTS), part(ints, floats, _PLACES)
@@ -586,7 +639,7 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
                     _outward(op, fact, scratch, i, j, spare, int(value[k]), count)
             if op < ADD or op == WHERE:
                 i, j = spare, spare
-            _or_nothing(scratch, i, j, spare, count)
+            _undefined_to_nan(scratch, i, j, spare, count)
             place[slot], spare = spare, place[slot]
         for i in range(outputs.size):
             row = 2 * place[outputs[i]]
@@ -597,11 +650,11 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
 def play_bounds(
     tape: Tape, facts: FloatArray, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray
 ) -> None:
-    """Intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P), into out (2, K, M).
+    """Write intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P) to out (2, K, M),
+    rounded outward.
 
-    facts (operations, COLUMNS): what is known of each operation.
-
-    Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
+    facts (operations, COLUMNS): what is known of each operation. Both ends are finite, or both are NaN: then the tape
+    may be undefined somewhere in the box.
     """
     arguments = (tuple(tape), facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:

@@ -20,13 +20,14 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """Room for the look at the true sets: for R states `count` points of each that waits, one behind the other.
+    """New arrays for the look at the true sets, a tuple: for R states, `count` points of each that waits, one behind
+    the other.
 
     queue (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
     the interval. verdicts, hazard (R, L): `UNKNOWN`, `PASSES` or `FAILS`, and avoid tube, of the inputs. points (R
-    count, ndim + 1), the time last; past
-    (R count,): 1 where nothing matters any longer, behind a safe end, -1 where the path is past an unsafe one; level
-    (sets, R count) and there (1, R count): the values of the unsafe sets and, at state and corners, of the target.
+    count, ndim + 1), the time last; past (R count,): 1 where nothing matters any longer, behind a safe end, -1 where
+    the path is past an unsafe one; level (sets, R count) and there (1, R count): the values of the unsafe sets and, at
+    state and corners, of the target; there is 0 at first.
     """
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
@@ -37,7 +38,11 @@ def samples_for(states, inputs, count, ndim, sets):
 
 @kernel(**UNCOUNTED)
 def _farthest(ends, column, j, corner, axis, spacing, boxed):
-    """How far segments lead along an axis at the point of their sum that lies farthest towards a corner of the box."""
+    """How far segments lead along an axis, in its unit, at the point of their sum that lies farthest towards a corner
+    of the box, distances counted in cells of `spacing` (ndim,); boxed: each of them along this axis alone.
+
+    ends : as for `decide`, of input j, column of the state; corner : a bit for each axis, the first one highest.
+    """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
         towards = 0.0
@@ -49,8 +54,10 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 
 @kernel(inline="always")
-def _on_axis(x, axis, lattice, faces):
-    """A coordinate, between the faces of a bounded axis and in the period of another."""
+def _clip_and_wrap(x, axis, lattice, faces):
+    """A coordinate x clipped between the faces of a bounded axis, and moved into the period of a periodic one, of
+    a lattice. faces (6 ndim,): lower and upper faces, lower and upper ends, ...
+    """
     x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
     if lattice.periodic[axis]:
         x = turned(x, faces[2 * lattice.shape.size + axis], faces[3 * lattice.shape.size + axis])
@@ -59,7 +66,11 @@ def _on_axis(x, axis, lattice, faces):
 
 @kernel(**UNCOUNTED)
 def _place_corners(at, state, j, box, lattice, faces, samples):
-    """Write, from `at` on, the corners of the sum of a box and segments (apart: in `place_points` all boxes pay)."""
+    """Write to points[at:] the corners (2^ndim) of the sum of a box and segments of input j around a state, and to
+    past[at:] whether each is behind a safe end (apart: in `place_points` all boxes pay).
+
+    box : (ends, column). lattice, faces : as for `_clip_and_wrap`. samples : (points, past), in place.
+    """
     (ends, column), (points, past), ndim = box, samples, state.size
     boxed = is_held(state, ends, column, j, faces[4 * ndim :])
     for corner in range(1 << ndim):
@@ -68,13 +79,18 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
             x = state[axis] + ends[(corner >> (ndim - 1 - axis)) & 1, j, axis, column]
             x += _farthest(ends, column, j, corner, axis, lattice.spacing, boxed)
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+            points[at + corner, axis] = _clip_and_wrap(x, axis, lattice, faces)
         past[at + corner] = 1 if out else 0
 
 
 @kernel(**UNCOUNTED)
 def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
-    """Write, from `at` on, where planes cut the ways from the middle of a box to its corners, or these."""
+    """Write to points[at:] where planes cut the ways from the middle of the box of input j around a state to its
+    corners, or these, (2^ndim), and to past[at:] whether each is behind a safe end.
+
+    box : (ends, column). normals (K, ndim) : of the planes. lattice, faces : as for `_clip_and_wrap`. samples :
+        (points, past), in place.
+    """
     (ends, column), (points, past), ndim = box, samples, state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
     for corner in range(1 << ndim):
@@ -92,13 +108,18 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
             side = ((corner >> (ndim - 1 - axis)) & 1) * 2.0 - 1.0
             x = state[axis] + 0.5 * (low + high) + share * side * 0.5 * (high - low)
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[at + corner, axis] = _on_axis(x, axis, lattice, faces)
+            points[at + corner, axis] = _clip_and_wrap(x, axis, lattice, faces)
         past[at + corner] = 1 if out else 0
 
 
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, box, normals, lattice, look, samples):
-    """Write the points, from `at` on, at which the true sets are looked at for u_j, and which of them are past ends."""
+    """Write to points[at:] the points at which the true sets are evaluated for input j (u_j) from a state: the state,
+    those on the path without an adversary, and the corners; to past[at:] 1 where one is behind a safe end of the
+    lattice, from then on along the path, and -1 where the path is past an unsafe one.
+
+    box : (ends, column). normals : of planes, or None. look : (times, faces). samples : (points, past), in place.
+    """
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
     for i in range(times.size):  # the state, the path, the corners
@@ -113,7 +134,7 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
                 x += share * share * ends[3, j, axis, column]
                 lost |= (x < lattice.least[axis]) | (x > lattice.most[axis])
             out |= (x < lattice.safe_ends[axis]) | (x > lattice.safe_ends[ndim + axis])
-            points[sample, axis] = _on_axis(x, axis, lattice, faces)
+            points[sample, axis] = _clip_and_wrap(x, axis, lattice, faces)
         gone |= out & (i <= last)
         past[sample] = 1 if out | (gone & (i <= last)) else -1 if lost else 0
         points[sample, ndim] = times[sample - at]
@@ -127,10 +148,12 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 @kernel(**UNCOUNTED)
 def next_input(known, safe, scores, depth, hazard, first):
-    """The input to look at next; if it has passed already, or has failed, it is the answer.
+    """The number of the input to look at next; if it has passed already, or has failed, it is the answer. Nothing is
+    written.
 
-    Of the safe ones that of least score, of equals that of least depth; where none is safe, `first`, the best by the
-    tubes; where that fails, the one for which the larger of depth and hazard is least; where none passes, `first`.
+    Of the safe ones that have not failed that of least score, of equals that of least depth; where none is left,
+    `first`, the best by the tubes; where that has failed, the one that has not for which the larger of depth and hazard
+    is least; else `first`. All arrays (L,); known: `UNKNOWN`, `PASSES` or `FAILS`.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -149,11 +172,12 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 @kernel(nogil=True, **UNCOUNTED)
 def propose(waiting, within, states, rows, packs, ahead, out, samples):
-    """Write the input that comes next to best[rows[r]] for each r that waits, and the points at which to look for it.
+    """Write the input that comes next to best[rows[r]], of `out`, for each r that waits, and to `samples` the points at
+    which to look for it, from `states` (M, ndim). Returns how many still wait.
 
     waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-    no times), all inputs pass. packs, ahead : (ints, floats) and (ends, scores, normals) of `decide`, as the others but
-    samples, which is what `samples_for` returns. Returns how many still wait.
+        no times), all inputs pass. within, rows, packs, ahead, out : as for `decide`, packs being (ints, floats) and
+        ahead (ends, scores, normals). samples : what `samples_for` returns.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, ahead
@@ -180,10 +204,12 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def heed_inputs(waiting, rows, count, under, best, samples):
-    """Of sets that are unsafe under some inputs, undo what `samples` say of others, and of the state itself.
+    """Of sets that are unsafe under some inputs, undo in `samples`, in place, what they say of other inputs, and of the
+    state itself, for so many states (`waiting`) in the queue.
 
-    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. What such a set
-    says of the state is said of the first point of the path in its place: the input fails, the state is not lost.
+    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. count : points of
+    each that waits. best[rows[r]] : the input that is looked at. What such a set says of the state is said of the first
+    point of the path in its place: the input fails, the state is not lost.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
@@ -200,10 +226,11 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def judge(waiting, rows, checks, count, out, samples):
-    """Undo what the values in `samples`, at `count` points each, refute; returns how many wait for another input.
+    """Undo in `out` what the values in `samples`, at `count` points each, refute of the first `waiting` in the queue;
+    note the verdicts; returns how many wait for another input, which are first in the queue then.
 
-    What is in an unsafe set is not admissible, with `TRUE_SETS_ONLY` just its steps to go say so; what is in no target
-    has one step to go, or none any longer. An input that fails is not safe.
+    What is in an unsafe set is not admissible, with checks `TRUE_SETS_ONLY` just its steps to go say so; what is in no
+    target has one step to go, or none any longer. An input that fails is not safe. rows, out : as for `decide`.
     """
     (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
@@ -234,9 +261,11 @@ def judge(waiting, rows, checks, count, out, samples):
 
 @kernel(**UNCOUNTED)
 def evaluate(waiting, rows, packs, times, out, samples, work):
-    """Play the unsafe sets at the points of what waits, the target where it matters; whether all values are finite.
+    """Play the unsafe sets at the points of all that wait (`waiting`), and the target where it matters, into `samples`;
+    whether all values are finite.
 
-    The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
+    times : of the points; work : see `work_for`; rows, packs, out : as for `propose`. The type of a constant is the
+        constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
     (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0

@@ -53,16 +53,16 @@ class StoredTubes(NamedTuple):
 
 
 class LookupScratch(NamedTuple):
-    """Room to work in.
+    """Arrays to work in, overwritten by a look-up.
 
     hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
-    index, weight (2, 2^ndim): nodes around a state; marks (L,): whether they all mark an input. Of a block: the first
+    index, weight (2, 2^ndim): nodes around a state; marked (L,): whether they all mark an input. Of a block: the first
     node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
     where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
-    at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input.
-    Of segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many
-    points of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies
-    between them, and into how many it is cut along each axis.
+    at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input. Of
+    segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many points
+    of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies between them,
+    and into how many it is cut along each axis.
     """
 
     hull: Any
@@ -81,7 +81,9 @@ class LookupScratch(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
-    """Fewest n in 0..most whose interpolated tube, entry first + n, is <= 0, or -1. Tubes grow with n: bisection."""
+    """Fewest n in 0..most whose interpolated tube, of entry first + n of `stored_tubes`, is <= 0, or -1. Tubes
+    grow with n: bisection. index, weight, count: nodes around the state, of `corners`.
+    """
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
     low, high = 0, most
@@ -95,8 +97,10 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
 
 
 @kernel(**UNCOUNTED)
-def _mark(marks, place, index, count, marked):
-    """marks[j] = whether every node around a state marks u_j."""
+def _marked_by_all(marks, place, index, count, marked):
+    """marked[j] = whether every one of `count` nodes around a state, `index`, marks u_j, in place; marks[place]:
+    of the tube.
+    """
     for byte in range(marks.shape[1]):
         bits = np.uint8(255)
         for c in range(count):
@@ -107,7 +111,9 @@ def _mark(marks, place, index, count, marked):
 
 @kernel(**UNCOUNTED)
 def _gather(values, state, column, order, lattice, scratch):
-    """Copy flat `values` at the nodes that any box touches to room.values[rest[0]:], the axis order[0] slowest."""
+    """Copy flat `values` (size,) at the nodes of the lattice that the box hull[column] around a state touches to
+    scratch.values[rest[0]:], the axis order[0] slowest; sets begin, rest and offsets of `scratch`.
+    """
     offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
     for a in range(state.size - 1, -1, -1):
@@ -127,8 +133,9 @@ def _gather(values, state, column, order, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _reduce(values, source, nodes, rest, near, far):
-    """Maximum over an interval along the leading axis of values[source:] (nodes, rest), to values[rest:] (rest,).
+def _maximum_along_axis(values, source, nodes, rest, near, far):
+    """Maximum of the interpolant over an interval along the leading axis of values[source:] (nodes, rest), flat,
+    written to values[rest:] (rest,).
 
     near and far: weight of the second node at the interval's low end, of the last node at its high end. Views, because
     loops over them vectorise.
@@ -149,7 +156,9 @@ def _reduce(values, source, nodes, rest, near, far):
 
 @kernel(**UNCOUNTED)
 def _spread(ends, column, j, axis):
-    """How far the segments of an input lead along an axis, all of them."""
+    """How far the segments of input j lead along an axis, all of them, to either side: sum of |half|; ends as for
+    `decide`, of the state in this column.
+    """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
         far += abs(ends[k, j, axis, column])
@@ -158,9 +167,10 @@ def _spread(ends, column, j, axis):
 
 @kernel(**UNCOUNTED)
 def is_held(state, ends, column, j, held):
-    """Whether an input leads past a wall, where the state may end outside the sum of its segments, or its planes.
+    """Whether input j leads past one of the walls `held` (2 ndim,), lower then upper, at which the state may end
+    outside the sum of its segments, or its planes.
 
-    ends : those of the box, or with segments.
+    ends : those of the box, or with segments, as for `decide`; column : of the state.
     """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
@@ -171,8 +181,13 @@ def is_held(state, ends, column, j, held):
 
 
 @kernel(**UNCOUNTED)
-def _looks_at(state, ends, column, lattice, scratch):
-    """Write how many points of each segment are looked at, 0 where its box is; returns the most of their sums."""
+def _count_points(state, ends, column, lattice, scratch):
+    """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken;
+    returns the most that the sums of an input have.
+
+    state (ndim,); ends, as for `decide`, of the state in this column: points are no farther apart than half a cell of
+    the lattice.
+    """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
         points = 1.0
@@ -189,8 +204,11 @@ def _looks_at(state, ends, column, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _move(point, ends, column, scratch):
-    """Write the boxes of all inputs around a point of the sum of their segments, by its number."""
+def _write_boxes_at_point(point, ends, column, scratch):
+    """Write to scratch.moved[:2] the boxes of all inputs around the point with this number of the sum of their
+    segments; around the whole of a segment where its box is taken. ends, as for `decide`, of the state in this
+    column.
+    """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
             for side in range(2):
@@ -208,10 +226,12 @@ def _move(point, ends, column, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _cuts(state, ends, normals, column, lattice, scratch):
-    """Write into how many slabs what lies between planes is cut along each axis; returns the last axis, and the most.
+def _count_slabs(state, ends, normals, column, lattice, scratch):
+    """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis for each input, 0
+    where its box is taken; returns the last axis that a plane is not parallel to, and the most slabs of an input.
 
-    Along the last axis that planes are not parallel to into one; 0 where the box is taken.
+    Along that last axis there is one. state (ndim,); ends, as for `decide`, of the state in this column; normals (K,
+    ndim); slabs are a quarter of a cell of the lattice thick.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -232,10 +252,11 @@ def _cuts(state, ends, normals, column, lattice, scratch):
 
 
 @kernel(**UNCOUNTED)
-def _cut(slab, last, ends, normals, column, lattice, moved):
-    """Write the boxes of all inputs around a slab of what lies between their planes, by its number.
+def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
+    """Write to moved[:2] the boxes of all inputs around the slab with this number of what lies between their planes.
 
-    Where none of the slab does, the middle of the box, which always does.
+    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_count_slabs`;
+    ends, normals, column, lattice: as there.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -267,36 +288,38 @@ def _cut(slab, last, ends, normals, column, lattice, moved):
 
 @kernel(**UNCOUNTED)
 def _worst_values(values, state, box, normals, space, out):
-    """out[j] = maximum of the interpolated `values` over what input j leads to from a state.
+    """out[j] = maximum of the interpolated `values` (size,) over what input j leads to from a state: its margin.
 
     That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
     no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
-    boxes around these. Where they are held at a wall, or too many, the box around it. What is for planes alone is not
-    compiled where normals is None.
+    boxes around these. Where they are held at a wall, or too many, the box around it. box : (ends, column). space :
+    (order, lattice, scratch). What is for planes alone is not compiled where normals is None.
     """
     (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
     if normals is not None:
-        last, slabs = _cuts(state, ends, normals, column, lattice, scratch)
+        last, slabs = _count_slabs(state, ends, normals, column, lattice, scratch)
         for slab in range(slabs):
-            _cut(slab, last, ends, normals, column, lattice, scratch.moved)
+            _write_boxes_at_slab(slab, last, ends, normals, column, lattice, scratch.moved)
             _raise_to_worst_in_boxes(state, scratch.moved, 0, order, lattice, scratch, out)
         return
     alone = ends.shape[0] == PATH
-    for point in range(1 if alone else _looks_at(state, ends, column, lattice, scratch)):
+    for point in range(1 if alone else _count_points(state, ends, column, lattice, scratch)):
         if not alone:
-            _move(point, ends, column, scratch)
+            _write_boxes_at_point(point, ends, column, scratch)
         boxes, of = (ends, column) if alone else (scratch.moved, 0)
         _raise_to_worst_in_boxes(state, boxes, of, order, lattice, scratch, out)
 
 
 @kernel(**UNCOUNTED)
 def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
-    """Raise out[j] to the maximum of the interpolated values that were gathered over the box of input j around a state.
+    """Raise out[j] to the maximum over the box of input j around a state of the interpolated values that `_gather`
+    copied to scratch; in place.
 
-    The maximum is taken axis by axis as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box that goes past an
-    unsafe end has +inf, one that is past a safe end with all it has -inf.
+    The maximum is taken axis by axis, in this order, as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box
+    that goes past an unsafe end of the lattice has +inf, one that is past a safe end with all it has -inf. ends, as for
+    `decide`, of the state in this column.
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -312,13 +335,14 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
                 first, near = locate(state[axis] + low[j, axis], axis, lattice)
                 last, far = locate(state[axis] + high[j, axis], axis, lattice)
                 source = rest[a] + (first - scratch.begin[a]) * rest[a + 1]
-                _reduce(scratch.values, source, last - first + 2, rest[a + 1], near, far)
+                _maximum_along_axis(scratch.values, source, last - first + 2, rest[a + 1], near, far)
         out[j] = np.inf if lost else out[j] if left else max(out[j], scratch.values[1])
 
 
 @kernel(**UNCOUNTED)
 def _depths(stored_tubes, state, box, normals, space, out):
-    """out[j] = (1 - CENTRE) times the largest value of the game in the box of input j, CENTRE times that at its centre.
+    """out[j] = (1 - CENTRE) times the largest value of the game of `stored_tubes` in the box of input j from a state,
+    CENTRE times that at its centre. box, normals, space : as for `_worst_values`.
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
@@ -337,15 +361,21 @@ def _depths(stored_tubes, state, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def _hazard(stored_tubes, step, j, scratch, still, moving):
-    """The interpolated avoid tube of u_j, <= 0 where it is safe: the larger of the static and the moving one."""
+    """The interpolated avoid tube of input j over the interval from a step, <= 0 where it is safe: the larger of
+    the static and the moving one of `stored_tubes`, whose nodes around the state are the first `still` and
+    `moving` in `scratch`.
+    """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
     return max(value, weighted(stored_tubes.moving, place, scratch.index[1], scratch.weight[1], moving))
 
 
 @kernel(**UNCOUNTED)
-def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
-    """safe[j] from marks and margins, and the best input by depth; see `notebooks/site/queries.md`."""
+def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
+    """Write safe[j] for a state at a step from marks, margins and the avoid tubes of `stored_tubes`, and return
+    the best input by depth: of the safe ones; where none is, the one whose larger of depth and avoid tube is
+    least; see `notebooks/site/queries.md`. margin, safe, depth (L,); scratch.marked and lattice are read.
+    """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
         safe[j] = scratch.marked[j] and margin[j] <= 0.0
@@ -372,7 +402,11 @@ def _of_tubes(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
 
 @kernel(**UNCOUNTED)
 def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
-    """The answers for one state, but for the look at the true sets."""
+    """Write to `out` (as for `decide`) the answers for the state states[m] by `stored_tubes` alone, without the look at
+    the true sets.
+
+    when : (step, within). box : (ends, column). normals : as for `decide`. space : (order, lattice, scratch).
+    """
     (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
     here = step * (steps + 1) - step * (step - 1) // 2  # the place of (step, 0), see `sdhj.table.table.entry`
@@ -388,17 +422,20 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
     if to_go[m] < 0 or step == steps:
         return
     n = max(to_go[m], within)  # in the target already: inputs that bring the state back into it
-    _mark(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
+    _marked_by_all(stored_tubes.marks, stored_tubes.index[here + n], index, count, scratch.marked)
     tube = stored_tubes.tubes[stored_tubes.index[following + n - 1]]
     _worst_values(tube, state, box, normals, space, margins[m])
     if stored_tubes.game >= 0:
         _depths(stored_tubes, state, box, normals, space, depths[m])
-    best[m] = _of_tubes(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
+    best[m] = _safe_and_best(stored_tubes, step, state, lattice, scratch, margins[m], safe[m], depths[m])
 
 
 @kernel(**UNCOUNTED)
 def hull_of(ends, column, spacing, hull):
-    """Write the box that holds those of all inputs; returns how many nodes it can touch, and one more on each axis."""
+    """Write to hull (2, ndim) the box that holds those of all inputs, segments included; returns how many nodes
+    it can touch at most, with one more on each axis. ends, as for `decide`, of the state in this column; spacing
+    (ndim,) of the nodes.
+    """
     size = 1.0
     for axis in range(ends.shape[2]):
         hull[0, axis], hull[1, axis] = np.inf, -np.inf
@@ -413,7 +450,9 @@ def hull_of(ends, column, spacing, hull):
 
 @kernel(**UNCOUNTED)
 def hazards(stored_tubes, step, state, lattice, scratch, out):
-    """out[j] = the interpolated avoid tube of u_j at a state."""
+    """out[j] = the interpolated avoid tube of u_j, of `stored_tubes`, at a state (ndim,) on the lattice over the
+    interval from a step, <= 0 where u_j is safe; index and weight of `scratch` are overwritten.
+    """
     still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
     for j in range(out.size):
@@ -422,7 +461,7 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
 
 @kernel(inline="always")  # as its caller counts references, or does not
 def unpacked_lattice(ints, floats):
-    """The lattice that is first among packed arrays."""
+    """The `Lattice` whose arrays are the first nine of the packed ones, ints and floats."""
     lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
     periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
     left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
@@ -431,7 +470,9 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A `LookupScratch` for so many hulls, inputs, nodes of a block and segments, and walls."""
+    """A new `LookupScratch` for so many hulls (`columns`), axes, inputs, nodes of a block (`size`) and segments,
+    and with the walls `held`.
+    """
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
         axes[axis] = axis
@@ -445,7 +486,8 @@ def working_room(columns, ndim, inputs, size, segments, held):
 def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
 
-    states (M, ndim), what is packed and stored as for `decide`, out (M, L). Coordinates must be finite.
+    states (M, ndim); ints, floats, static, moving: what is packed and stored as for `decide`; out (M, L). Coordinates
+    must be finite.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
@@ -457,7 +499,9 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, scratch, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m], as by `corners` and `weighted`: loops that vectorise."""
+    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,) on the lattice, as by `corners` and
+    `weighted`, but in loops that vectorise. scratch : arrays that are overwritten, see `tube_values`.
+    """
     (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size
     index[0, :count], weight[0, :count], found[:] = 0, 1.0, 0.0
@@ -483,7 +527,8 @@ def _interpolated(where, row, tubes, lattice, scratch, found):
 def tube_values(points, places, tubes, ints, floats, out):
     """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
 
-    points (M, V, ndim), places (M,), tubes (T, size), a lattice packed, out (M, V). Coordinates must be finite.
+    points (M, V, ndim), places (M,), tubes (T, size), ints and floats, in which a lattice is packed, out (M, V).
+    Coordinates must be finite.
     """
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)

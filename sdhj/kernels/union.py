@@ -20,7 +20,8 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """Values to be avoided: (L, r, B or 1) for each input rows as those of the grid, or one value for all nodes of one.
+    """The avoid tubes of all inputs, static and moving ones, as rows of the grid: (L, r, B or 1), r rows of as many
+    nodes as the grid's, or with one value for all of them.
 
     Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
     """
@@ -33,18 +34,22 @@ class AvoidRows(NamedTuple):
 
 
 @_inlined
-def _reach_row(out, reach_sets, j, row):
-    """Write a row of the reach set of input j: see `add_inputs`."""
+def _write_reach_row(out, reach_sets, j, row):
+    """Write row number `row` of the reach set of the j-th of the inputs at hand, made of `reach_sets`, to out (B
+    + PAST,): see `add_inputs`.
+    """
     if len(reach_sets) == 5:
-        _least(out, reach_sets, j, row)
+        _write_minimum_row(out, reach_sets, j, row)
     else:
         values, parent, which, taps, weight, between, point = reach_sets  # no tuple may stand in another here
-        _moved(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
+        _write_maximum_row(out[:-PAST], values, Leaves(parent, which, taps, weight, between, point), j, row)
 
 
 @kernel(**UNCOUNTED)
-def _moved(out, values, leaves, j, row):
-    """Write a row of the maximum over intervals that `leaves` describe for input j: see `add_inputs`."""
+def _write_maximum_row(out, values, leaves, j, row):
+    """Write row number `row` of the maximum of `values` over intervals that `leaves` describe for the j-th input
+    to out (B,): see `add_inputs`.
+    """
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
     source = values[leaves.parent[j], node // leaves.taps.shape[1]]
@@ -52,8 +57,11 @@ def _moved(out, values, leaves, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _least(out, reach_sets, j, row):
-    """A row, line by line, each in whole vectors: what is written beyond its end is overwritten by the next."""
+def _write_minimum_row(out, reach_sets, j, row):
+    """Write row number `row` of the minimum of the pieces in `reach_sets` of the j-th input to out (B + PAST,),
+    line by line, in whole vectors: what is written beyond a line's end is overwritten by the next. See
+    `add_inputs`.
+    """
     values, begin, at, width, nodes = reach_sets
     lines = (out.size - PAST) // nodes
     whole = nodes if lines == 1 else -(-nodes // EIGHT) * EIGHT
@@ -81,8 +89,9 @@ def _least(out, reach_sets, j, row):
 
 
 @kernel(**UNCOUNTED)
-def _raised(out, bound, highest, level):
-    """Raise a row to that of a bound; where that has one value only, return the greater of it and `level` instead.
+def _raise_row(out, bound, highest, level):
+    """Raise a row, out (B,), in place to a bound of as many nodes, of which `highest` is the greatest, and return
+    `level`; where the bound has one value only, leave the row and return the greater of that and `level`.
 
     A bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
     """
@@ -99,7 +108,10 @@ def _raised(out, bound, highest, level):
 
 @kernel(**UNCOUNTED)
 def _join(tube, marks, reach_sets, levels):
-    """Add eight inputs to a row; marks in lanes as wide as the values, or the loop would not be vectorised."""
+    """tube = min(tube, v_q) and bit q of marks where v_q <= 0, for eight inputs, v_q = max(reach_sets[q],
+    levels[q]), of one row; in place. Marks lie in lanes as wide as the values, or the loop would not be
+    vectorised.
+    """
     for i in range(tube.size):
         best, found = tube[i], np.int32(0)
         for q in range(EIGHT):
@@ -112,7 +124,9 @@ def _join(tube, marks, reach_sets, levels):
 
 @kernel(**UNCOUNTED)
 def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
-    """`add_inputs` for one row and the inputs in range(*which); scratch: eight rows and eight levels."""
+    """`add_inputs`, with its arguments, for one row and the inputs in range(*which); scratch: eight rows (8, B +
+    PAST) and eight levels, overwritten.
+    """
     (found, levels), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):
         tube[row, i] = before[row, i]
@@ -120,11 +134,11 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
         for q in range(EIGHT):
             j, levels[q] = byte * EIGHT + q, np.inf  # outside, of an input that there is not
             if first <= j < end:
-                _reach_row(found[q], reach_sets, j - first, row)
+                _write_reach_row(found[q], reach_sets, j - first, row)
                 line, level = found[q, :size], tube.dtype.type(-np.inf)
                 at = avoid_rows.static_at[row]
-                level = _raised(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
-                levels[q] = _raised(
+                level = _raise_row(line, avoid_rows.static[j, at], avoid_rows.highest[j, at], level)
+                levels[q] = _raise_row(
                     line, avoid_rows.moving[j, avoid_rows.moving_at[row]], tube.dtype.type(np.inf), level
                 )
         _join(tube[row], marks[byte, row], found, levels)
@@ -132,14 +146,15 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
 
 @kernel(parallel=True, least=FEW)
 def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which):
-    """tube = min(before, max(reach_j, walls_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
+    """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
 
     tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
-    reach, of the inputs from `first` on:
+    reach_sets, of the inputs from `first` on:
         (values, *leaves), as `maximum_of_intervals` takes them, rows being parts of what lies behind its axis;
         (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
         values, and of them at[p, i] belong to line i of the grid.
+    avoid_rows : the `AvoidRows`.
     which : the rows that are written.
     """
     rows, size = which.size, tube.shape[1]

@@ -17,7 +17,7 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, wh
 
 @kernel(inline="always")
 def number_of(cell, counts):
-    """The flat number of a cell, the last axis fastest."""
+    """The flat number of a cell (ndim,) among counts (ndim,) of each axis, the last axis fastest."""
     number = 0
     for axis in range(cell.size):
         number = number * counts[axis] + cell[axis]
@@ -26,7 +26,9 @@ def number_of(cell, counts):
 
 @kernel(inline="always")
 def slot_of(number, keys):
-    """Where the word of a cell is kept, or may be; keys are a power of two, and some of them are free."""
+    """The place in keys (K,) at which the word of a cell with this number is kept, or is free for it; K is a
+    power of two, and some keys are free.
+    """
     slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
     while keys[slot] != number and keys[slot] != FREE:
         slot = (slot + 1) & (keys.size - 1)
@@ -35,14 +37,14 @@ def slot_of(number, keys):
 
 @kernel(nogil=True)
 def look_up(states, cells, slack, kept, within, most, out, missing):
-    """The answers of the words of the cells within slack (ndim,) of each state, (M, ndim); how many words are missing.
+    """Write to `out` the answers of the words of the cells within slack (ndim,) of each state, (M, ndim); returns how
+    many words are missing.
 
     Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
     united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
 
-    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where
-    there is nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as
-    fit.
+    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where there is
+    nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as fit.
     """
     (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
@@ -74,7 +76,9 @@ def look_up(states, cells, slack, kept, within, most, out, missing):
 
 @kernel(nogil=True)
 def keep(numbers, some, keys, words):
-    """Keep the words `some` (n, ...) of cells (n,); how many are new. There is room for them."""
+    """Keep the words `some` (n, ...) of the cells `numbers` (n,) in keys and words, in place; returns how many
+    are new. There has to be room for them.
+    """
     new = 0
     for i in range(numbers.size):
         slot = slot_of(numbers[i], keys)
@@ -85,7 +89,9 @@ def keep(numbers, some, keys, words):
 
 @kernel(nogil=True)
 def cells_near(states, cells, slack, rows, near):
-    """The cells within slack (ndim,) of states (M, ndim), and whose: rows (n,), near (n, ndim); how many they are."""
+    """Write the cells within slack (ndim,) of states (M, ndim), near (n, ndim), and of which state each is, rows
+    (n,); returns how many they are.
+    """
     found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
     for m in range(states.shape[0]):
         for k in range(cells_at(states[m], cells, slack, found)):
@@ -96,7 +102,11 @@ def cells_near(states, cells, slack, rows, near):
 
 @kernel(nogil=True)
 def fewest_of_cells(some, cells, index, pool, out):
-    """The first of nested sets that holds each of some cells (M, ndim), as `fewest_steps` of states: out (M,)."""
+    """out[m] = the number of the first of n nested sets that holds the cell some[m], (M, ndim), of `cells` (`Cells`), n
+    where none does.
+
+    index (n, R), pool (B, W): the numbers of the blocks of each row of the sets, and the blocks.
+    """
     for m in range(some.shape[0]):
         row, bit = row_and_bit(some[m], cells)
         least, most = 0, index.shape[0]
@@ -114,10 +124,11 @@ def fewest_of_cells(some, cells, index, pool, out):
 
 @kernel(nogil=True)
 def number_records(records, known, used, slots, out):
-    """The numbers of records (n, bytes) among the known ones (most, bytes), to which new ones are added: out (n,).
+    """out[i] = the number of records[i], (n, bytes), among the known ones (most, bytes), of which `used` are there; new
+    ones are added to these in place.
 
-    slots (K,) int64: a hash table of numbers, -1 where there is none. Returns how many are known then, or -1 where
-    there is no room for all: then nothing in `out` counts.
+    slots (K,) int64: a hash table of numbers, -1 where there is none, K a power of two; in place. Returns how many are
+    known then, or -1 where there is no room for all: then nothing in `out` counts.
     """
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
@@ -140,7 +151,8 @@ def number_records(records, known, used, slots, out):
 
 @kernel(nogil=True)
 def pack_block(numbers, width, seen, out):
-    """Write a block's numbers (cells,) as the bits of an entry, the palette and the entries; how many bytes these are.
+    """Write a block's numbers (cells,) as bytes: how many bits an entry has, the palette's length in two, the palette
+    and the entries; returns how many bytes these are.
 
     The palette has the numbers in the order in which they come, each of `width` bytes. seen (words,) int64: scratch, -1
     everywhere, which it is again in the end. out: room for the bytes.

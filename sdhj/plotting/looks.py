@@ -125,7 +125,10 @@ def writable_folder(folder: Named) -> Path:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
-    """Raise ValueError or OSError before long work where a picture, if there is one, cannot be drawn and written."""
+    """Raise, before long work, OSError if a picture cannot be written to a path, ValueError for another ending.
+
+    suffixes : the endings that are allowed. Without a path nothing is asked.
+    """
     if path is not None:
         writable_file(path)
         if path.suffix.lower() not in suffixes:

@@ -43,11 +43,11 @@ class Plane:
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Interpolate values on the grid at the points of the slice, shape (Y, X)."""
+        """Values at the nodes, grid.shape, interpolated at the points of the slice: (Y, X)."""
         return self.shaped(grid.interpolate(values, self.points))
 
     def true(self, part: TargetSet | UnsafeSet, t: float) -> FloatArray:
-        """The level-set function of a set at time t, without interpolation, shape (Y, X)."""
+        """The level-set function itself of a set at time t, s, at the points of the slice: (Y, X), not interpolated."""
         return self.shaped(part.level_set(self.points[:, part.axes], t))
 
 
@@ -142,7 +142,7 @@ def draw_set(ax: Axes, where: Plane, values: FloatArray, looks: Looks, gid: str,
 
 
 def frame_slice(ax: Axes, grid: Grid, axes: Sequence[int] = (0, 1)) -> None:
-    """Set the limits, ticks and labels (with units) of a slice.
+    """Set the limits, ticks and labels (with units) of a slice; where both axes are periodic, equal scales.
 
     Parameters
     ----------

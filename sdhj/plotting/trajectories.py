@@ -56,7 +56,10 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
 
 
 def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
-    """Draw the workspace at the instant `index` of a run of the arm, with the end-effector's path so far."""
+    """Draw the workspace at the instant run.times[index] of a run of the arm, with the end-effector's path so far.
+
+    ValueError if the problem is not one of the arm's case studies.
+    """
     view = scene(problem)
     draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]))
     ax.plot(*view.arm.tip(run.states[: index + 1, :2]).T, zorder=6, gid="tip-path", **WAY)

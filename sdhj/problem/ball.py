@@ -64,12 +64,16 @@ class Ball:
 
     @property
     def directions(self) -> FloatArray:
-        """Of each pair of sides, (2, K)."""
+        """Unit vectors along which the polygon's K = sides / 2 pairs of sides run, (2, K): (cos(pi k / K), sin(pi k /
+        K)).
+        """
         angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
         return np.stack([np.cos(angles), np.sin(angles)])
 
     def bounds(self) -> Any:
-        """Half-widths of the components along the sides: an array (K,), or a function."""
+        """Half-widths radius tan(pi / (2 K)) of the K components along the sides: an array (K,), or a function of what
+        `radius` is one of; ValueError where that does not take what bounds may.
+        """
         share = np.full(self.sides // 2, np.tan(np.pi / self.sides))
         if not callable(self.radius):
             return self.radius * share
@@ -78,7 +82,9 @@ class Ball:
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:
-        """A gain of two columns, as one of the components along the sides."""
+        """The gain (ndim, K) of the components along the sides, of the `given` one (ndim, 2) of v: gain @ `directions`;
+        a function of one for a function. ValueError for a black box and for other shapes.
+        """
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
         if callable(given):
@@ -89,40 +95,48 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """A velocity of v, as one of the components along the sides."""
+        """The `given` velocity, a function of v (2,), as one of the K components w along the sides: v =
+        `directions` @ w.
+        """
         axes = self.directions.tolist()
-        return _of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
+        return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
     def in_polar(self, given: Any) -> tuple[Any, Any]:
-        """A velocity of v, as one of a and b where v = a (cos b, sin b), and the bounds of these."""
-        velocity = _of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
+        """The `given` velocity of v as one of (a, b), where v = a (cos b, sin b), and the bounds of these,
+        (radius, pi / 2): an array, or a function where the radius is one.
+        """
+        velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
             return velocity, np.array([radius, np.pi / 2])
 
         def most(*found: Any) -> Any:
-            """The greatest a and b."""
+            """The bounds of a and b, (M, 2) or (2,), for what a radius is a function of."""
             far = radius(*found)
             return np.stack([far, 0.0 * far + np.pi / 2], axis=-1)
 
         return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
-        """What gain (..., ndim, 2) becomes along the sides."""
+        """The gain (..., ndim, 2) of v as that of the components along the sides, (..., ndim, K); ValueError if it has
+        not two columns.
+        """
         if gain.shape[-1] != 2:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
         pairs = self.directions.T.tolist()
         return np.stack([gain[..., 0] * x + gain[..., 1] * y for x, y in pairs], axis=-1)
 
 
-def _of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """A velocity of v, as one of what `disturbance` makes v of."""
+def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
+    """The `given` velocity, a function that may take v, as one of other components: `disturbance` makes the list
+    of v's components of them. What does not take v is returned as it is.
+    """
     takes = arguments("velocity", given)
     if "v" not in takes:
         return given
     place = takes.index("v")
 
     def velocity(*found: Any) -> Any:
-        """The velocity, v being made of other components."""
+        """The given velocity, called with v made of the other components."""
         return given(*found[:place], np.stack(disturbance(found[place])), *found[place + 1 :])
 
     return wraps(given)(velocity)

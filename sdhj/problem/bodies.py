@@ -40,7 +40,9 @@ MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
-    """A convex body, or all that is beyond a line: no corners, and one edge."""
+    """A convex body, or all that is beyond a line (then it has no corners, and one edge), with outward normals n
+    of its edges, n . q <= offset within.
+    """
 
     corners: FloatArray  # (K, 2)
     normals: FloatArray  # (E, 2), of the edges, outward
@@ -49,7 +51,9 @@ class Part(NamedTuple):
 
 
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
-    """The convex body with these corners, counter-clockwise, or one or two; its edges are so much farther out."""
+    """The convex `Part` with these corners (K, 2), counter-clockwise; of two the segment, of one the point. Its edges,
+    not its corners, are moved outward by `larger`.
+    """
     if len(corners) == 1:
         return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
     begin, end = corners, np.roll(corners, -1, axis=0)
@@ -62,7 +66,7 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
 
 
 def beyond(normal: Any, offset: float) -> Part:
-    """All points q with normal . q >= offset."""
+    """The `Part` of all points q with normal . q >= offset; normal (2,) of length 1."""
     return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
 
 
@@ -124,19 +128,25 @@ class Body:
 
     @cached_property
     def parts(self) -> list[Part]:
-        """The convex parts that it consists of."""
+        """The convex parts that the body consists of, in its own frame, without its radius; ImportError without Shapely
+        if it is a polygon.
+        """
         return [part(self.vertices)] if len(self.vertices) < 3 else parts_of(outline(self.vertices))
 
     @cached_property
     def outside(self) -> list[Part]:
-        """The convex parts of all that is outside the polygon: those within the box around it, and beyond its sides."""
+        """The convex parts of all that is outside of the polygon: four half-planes beyond the sides of the box around
+        it, and what is between the two.
+        """
         shape = outline(self.vertices)
         left, low, right, high = shape.bounds
         sides = [beyond(UNIT[0], right), beyond(-UNIT[0], -left), beyond(UNIT[1], high), beyond(-UNIT[1], -low)]
         return [*sides, *parts_of(around(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """Its pose: x, y, heading; ValueError where the function returns none."""
+        """The body's pose at points (M, axes) and time t: x, y and heading, each (M,) or a number; without a `pose` the
+        first three coordinates. ValueError where the function does not return three.
+        """
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
         pose = self.pose(points, t)
@@ -149,14 +159,18 @@ class Body:
 
 
 def parts_of(shape: Any) -> list[Part]:
-    """The convex parts of polygons of Shapely."""
+    """The convex parts of polygons of Shapely; if they are several, their edges are a little farther out, so that no
+    point between two is lost by rounding.
+    """
     whole = convex_parts(shape)
     size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
     return [part(corners, ROUNDING * size if len(whole) > 1 else 0.0) for corners in whole]
 
 
 def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
-    """a . R b, for R that turns by the heading: |a| |b| cos(heading + phase)."""
+    """a . R b, for vectors (2,) and R that turns by the heading, (M,) or a number: |a| |b| cos(heading + phase), as one
+    cosine.
+    """
     cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
     if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
         return -dot_turned(-a, b, heading)
@@ -165,7 +179,10 @@ def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
 
 
 def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
-    """Signed distance (M,) between a part at a pose and another that stands still, as the module says."""
+    """Signed distance (M,) between the part `a` of a body at a pose x, y, heading, each (M,) or a number, and the part
+    `b`, which stands still: max over edges of the least distance of the other's corners beyond them where they meet,
+    else the distance of corners to edges; see the module.
+    """
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
         (beyond_it, along_it) = (
@@ -198,7 +215,9 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """A pose in the frame of another one."""
+    """The pose (x, y, heading) as seen from the frame `other`, a pose too: R(-turned) (x - a, y - b), heading -
+    turned.
+    """
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
     cosine, sine = (math.cos(turned), math.sin(turned)) if still else (np.cos(turned), np.sin(turned))
@@ -210,7 +229,9 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies of a robot, each with its pose; ValueError where a footprint is none, or its axes are no pose."""
+    """The bodies of a robot: a footprint that is a Body, several, or vertices (K, 2); `POINT` for None. ValueError
+    where it is none of these, or has no pose of its own and its set's axes are not three.
+    """
     if given is None:
         return [POINT]
     bodies = [given] if isinstance(given, Body) else list(given)
@@ -227,10 +248,12 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 def body_level_set(
     robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """The signed distance between a robot and the parts of an obstacle with its pose, less the radius of both."""
+    """Level-set function (points (M, axes), t) -> (M,): the least signed distance of a part of the robot to one of the
+    parts of an obstacle, which has a pose if it moves, less the radius of both.
+    """
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least signed distance of a part of the robot to one of the obstacle, less the radius of both."""
+        """The least signed distance (M,) of a part of the robot to one of the obstacle, less the radius of both."""
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
         for body in robot:
             at = body.placed(points, t)
@@ -243,11 +266,13 @@ def body_level_set(
 
 
 def cover(body: Body, tolerance: float) -> FloatArray:
-    """Disks (K, 3), x, y and radius, that cover a polygon, a segment or a point and reach at most so far beyond it, m.
+    """Disks (K, 3), x, y and radius, that cover a polygon, a segment or a point, without its radius, and reach at most
+    `tolerance` beyond it, m.
 
     The body is cut into squares, halved until one is small beside how deep it lies, or beside the tolerance. A disk may
     be about the middle of any of them, as large as it is deep, and a tolerance more; of these, one after the other, the
     one is taken that covers the most squares that are left. A square counts as covered where its corners are.
+    ValueError where that takes more than `MOST_SQUARES` squares.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])
@@ -273,7 +298,12 @@ def cover(body: Body, tolerance: float) -> FloatArray:
 
 
 def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Disks (K, 3) about the middles (M, 2) of some squares, with their radii, that cover all squares."""
+    """Disks (K, 3), x, y and radius, that cover the corners of all squares, middles `squares` (M, 2) and half sides
+    (M,).
+
+    They are some of the disks about these middles with `radii` (M,), taken greedily: each time the one that covers the
+    most squares that are left.
+    """
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
     covers = np.ones((len(able), len(squares)), np.bool_)
@@ -291,7 +321,9 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
 
 
 def depths(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body, negative outside: of a segment, less its distance."""
+    """How deep points (M, 2) lie in a body in its own frame, its radius left out, (M,): minus the signed
+    distance, so negative outside.
+    """
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
@@ -301,11 +333,15 @@ def depths(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """What a map's signed distance, in its own frame, leaves of disks that cover a robot, least of all."""
+    """Level-set function (points (M, axes), t) -> (M,) of a robot on a map: the least of distance(middle) - radius over
+    disks that cover its bodies.
+
+    distance : signed distance (x, y) -> (M,) in the map's frame, whose pose is `origin`. tolerance : see `cover`.
+    """
     disks = [(body, cover(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least clearance of a disk, less the radius of its body."""
+        """The least of the map's distance at a disk's middle, less the radii of disk and body: (M,)."""
         found = list[Any]()
         for body, some in disks:
             x, y, heading = relative(body.placed(points, t), origin)

@@ -25,9 +25,10 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 
 def nodes_read(cells: float) -> int:
-    """Nodes to each side that a shift by up to c cells, or a maximum over a box of them, reads; 0 where nothing moves.
+    """How many nodes to each side are read for a shift by up to `cells`, or a maximum over a box that reaches so far; 0
+    where nothing moves.
 
-    That is floor(c) + 2, the last of them for the limited second difference.
+    That is floor(cells) + 2, the last of them for the limited second difference.
     """
     return math.floor(cells + 1e-9) + 2 if cells else 0
 
@@ -36,8 +37,11 @@ def nodes_read(cells: float) -> int:
 def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
-    """The `Leaves` of intervals [x + low, x + high], in cells, of an axis's nodes, or of a window of it.
+    """The arrays taps, weight, between and point of `Leaves`, for the intervals [x + low, x + high] around each node x
+    of an axis of so many nodes, or of a window of it; `spans` has (low, high) of each, in cells.
 
+    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. limited : whether
+    interpolation has the limited second difference, else it is linear; dtype : of the weights.
     some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
         off than the window's ends is taken from there.
     """
@@ -65,7 +69,9 @@ def intervals(
 
 
 class Maxima(NamedTuple):
-    """Maxima of functions over boxes, done but for one axis: what `maximum_of_intervals` makes of them."""
+    """Maxima of functions over boxes, from box number `first` on, done but for one axis: what `maximum_of_intervals`
+    makes of them.
+    """
 
     first: int  # of the boxes
     number: int
@@ -75,13 +81,17 @@ class Maxima(NamedTuple):
 
     @property
     def split(self) -> FloatArray:
-        """The values, and which axes lie before and behind the one that is left: (functions, A, n, B)."""
+        """The values with the axes before and those behind the one that is left joined: (functions, A, n, B), a
+        view.
+        """
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes, (boxes, *shape), written `into` an array or, if `raised`, raising it."""
+        """The maxima over some of the boxes, (boxes, *shape), a new array; or written `into` one, where, if `raised`,
+        only what is greater than what was there.
+        """
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
         shape[1 + self.axis] = leaves.taps.shape[1]
@@ -91,7 +101,9 @@ class Maxima(NamedTuple):
 
 
 class Level(NamedTuple):
-    """Maxima along an axis over `spans`: leaf i is made of function parent[i] and spans[which[i]]."""
+    """Maxima along one axis of the grid over `spans`, (low, high) in its unit: leaf i is that of function parent[i]
+    over spans[which[i]].
+    """
 
     axis: int
     spans: Spans
@@ -101,7 +113,9 @@ class Level(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """The maxima of a level at the nodes from `begin` to `end` of its axis."""
+    """A level's intervals as arrays, for the nodes from `begin` to `end` of its axis; limited, dtype: see
+    `intervals`.
+    """
     axis, n = level.axis, grid.shape[level.axis]
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
     cells = tuple((low / grid.spacing[axis], high / grid.spacing[axis]) for low, high in level.spans)
@@ -114,8 +128,10 @@ def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end
 def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
     """How to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
 
-    corners : (count, ndim, 2) float64. The axes with the fewest different intervals go first. Returns for runs of boxes
-    the first and the levels: runs of eights, so long that no more than `most` functions stand before the last level.
+    corners : the bytes of the boxes' lower and upper ends, (count, ndim, 2) float64. most : functions that may stand at
+        a time. Returns, for each run of successive boxes, the number of its first and its levels. The axes with the
+        fewest different intervals go first; runs are of eights, so long that no more than `most` functions stand before
+        the last level.
     """
     spans = np.frombuffer(corners).reshape(count, -1, 2)
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
@@ -147,9 +163,11 @@ def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Lev
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """The maxima of `values` over the boxes [x + low_j, x + high_j], for the rows j of low, high (L, ndim) in turn.
+    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j], for the rows j of low, high (L, ndim), in
+    the axes' units, some of them at a time, in their order.
 
-    Where only some nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
+    values (*shape), on a padding at most `most_on_padding`. interpolation : one of `INTERPOLATIONS`. Where only some
+    nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
     """
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -166,7 +184,9 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """Operations (`sdhj.problem.cost`) of `maxima`: a node of a leaf looks at four others, and at those between."""
+    """Operations (`sdhj.problem.cost`) of `maxima` over the boxes with corners low, high (L, ndim): a node of a
+    leaf looks at four others, and at those between.
+    """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
         for level in levels:
@@ -179,14 +199,18 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j: see `maxima`."""
+    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim):
+    (*shape), or the `wanted` nodes. See `maxima`, whose arguments these are.
+    """
     for some in maxima(grid, values, low, high, interpolation, wanted):
         for begin in range(0, some.number, EIGHT):
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
 
 def crossings(half: FloatArray) -> FloatArray:
-    """Points of the segment from -half to half, in cells (ndim,): its ends, and where it crosses nodes: (P, ndim)."""
+    """Points of the segment from -half to half around a node, half (ndim,) in cells: its ends, and where it
+    crosses planes of nodes: (P, ndim), along the segment.
+    """
     each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
     shares = np.concatenate([[-1.0, 1.0], *each])
     points = shares[np.unique(np.round(shares, 12), return_index=True)[1], None] * half
@@ -194,7 +218,8 @@ def crossings(half: FloatArray) -> FloatArray:
 
 
 def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, interpolation: str) -> FloatArray:
-    """The maximum of `values` over x + the sum of the segments from -half to half, halves (K, ndim), one after another.
+    """The maximum (*shape) of `values` (*shape) over x + the sum of the segments from -half to half, halves (K, ndim)
+    in the axes' units: one segment after another, at its `crossings`.
 
     It is taken of values that go on past walls, where all is as at the wall, and only at the end at the grid's nodes.
     """
@@ -214,7 +239,9 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """Minus the distance past safe ends, +inf where nothing is past one, (shape); None where that is everywhere."""
+    """What values on a padding may be at most: minus the distance past safe ends, +inf at nodes past none; (*shape).
+    None where the grid has no padding.
+    """
     if not np.any(grid.padding):
         return None
     far = np.broadcast_to(grid.to_ends("frees"), grid.shape)
@@ -222,6 +249,6 @@ def most_on_padding(grid: Grid) -> FloatArray | None:
 
 
 def out_of_danger(grid: Grid, values: FloatArray) -> FloatArray:
-    """Values (shape), at most `most_on_padding`."""
+    """Values (*shape), at most `most_on_padding`: a new array, or `values` themselves where the grid has no padding."""
     most = most_on_padding(grid)
     return values if most is None else np.minimum(values, most, dtype=values.dtype)

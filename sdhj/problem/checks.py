@@ -20,7 +20,9 @@ class Options:
     """Base of dataclasses of options: an unknown name is refused, with where it belongs or with all that there are."""
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
-        """TypeError for an unknown option, which names the class that has it or those that there are."""
+        """A new object; TypeError for a keyword that is none of its fields, which says in which part of its options
+        that belongs, or lists those that there are.
+        """
         for name, value in given.items():
             if name not in options_of(cls):
                 written = belonging_to(cls, name, value) or f"its options are {', '.join(options_of(cls))}"
@@ -29,12 +31,14 @@ class Options:
 
 
 def options_of(kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass of options that can be given, by name."""
+    """The fields of a dataclass of options that can be given when it is made, by name."""
     return {one.name: one for one in fields(kind) if one.init}
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """How an option of a part of `kind` is written, and what is wrong with its value; empty if no part has it."""
+    """How an option of a part of the dataclass `kind` is written, "it belongs to PART=sdhj.CLASS(NAME=...)", and what
+    is wrong with its value; "" if no part has it.
+    """
     for part in options_of(kind).values():
         inner = part.default_factory
         if not (isinstance(inner, type) and issubclass(inner, Options)):
@@ -73,7 +77,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value` as two finite floats; ValueError naming it otherwise."""
+    """`value` as two finite floats, both greater than `above`; ValueError naming it otherwise."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape
@@ -96,7 +100,9 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 
 def plain_array(name: str, values: Any) -> NDArray[Any]:
-    """`values` as an array; ValueError for ragged sequences, and for masked arrays, whose mask NumPy would drop."""
+    """`values` as NumPy's array, not copied if it is one; ValueError naming it for ragged sequences, and for masked
+    arrays, whose mask NumPy would drop.
+    """
     if isinstance(values, np.ma.MaskedArray):
         raise ValueError(f"{name} must be real numbers, got a masked array; remove the mask, for example by filled()")
     try:
@@ -106,9 +112,9 @@ def plain_array(name: str, values: Any) -> NDArray[Any]:
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous copy of `values` as float64, of that shape if one is given; ValueError otherwise.
+    """A C-contiguous copy of `values` as float64, of that shape if one is given; ValueError, naming it, otherwise.
 
-    Complex numbers, dates and text are refused, though NumPy would convert some of them.
+    Complex numbers, dates and text are refused, though NumPy would convert some of them. NaN and infinity are not.
     """
     given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":
@@ -120,7 +126,9 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """`values` as a real array, every value finite; ValueError otherwise."""
+    """A C-contiguous copy of `values` as float64, of that shape if one is given, every value finite; ValueError, naming
+    it, otherwise.
+    """
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -128,7 +136,9 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -
 
 
 def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A copy of points (M, ndim) as float64; ValueError otherwise."""
+    """A copy of points (M, ndim) as float64, which may have NaN; ValueError, naming it, for another shape or what is no
+    real number.
+    """
     points = real_array(name, values)
     if points.shape[1:] != (ndim,):
         raise ValueError(f"{name} must have shape (M, {ndim}), got {points.shape}; q[None] is one state")
@@ -136,7 +146,9 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """States (M, ndim), every value finite; ValueError naming the first that is not."""
+    """A copy of states (M, ndim) as float64, every value finite; ValueError, naming it and the first state that
+    is not.
+    """
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
         bad = states[~np.isfinite(states).all(axis=1)][0].tolist()
@@ -145,7 +157,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def sealed(array: Any) -> Any:
-    """A read-only view of an array; anything else unchanged."""
+    """A read-only view of an array, which itself stays as it is; anything else is returned unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()
         array.setflags(write=False)
@@ -153,19 +165,23 @@ def sealed(array: Any) -> Any:
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError if `value` is not one of the allowed options."""
+    """Raise ValueError, naming it and all that is `allowed`, if `value` is none of these, or of another type."""
     if type(value) is not type(allowed[0]) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def one_line(text: str, most: int = 500) -> str:
-    """A message, in which a file may have a say, as one line of so many characters that can be printed."""
+    """A message, of which a file may be the author, as one line of printable characters: at most about `most` of them,
+    else its begin and end.
+    """
     text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
 def sequence(name: str, value: Any) -> Any:
-    """`value` if it is a sequence or an array; ValueError naming it otherwise."""
+    """`value`, unchanged, if it is a sequence or an array of one axis or more; ValueError naming it otherwise, also for
+    text.
+    """
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
         shown = reprlib.repr(value)
@@ -174,7 +190,9 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set as a tuple of int; ValueError naming the set if they are not whole numbers."""
+    """The axes of a set, a sequence of whole numbers, as a tuple of int; ValueError, with the set's `name`, for
+    anything else. Whether the grid has them is not checked.
+    """
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):
         raise ValueError(f"axes of {name!r} must be a sequence of whole numbers, for example (0, 1), got {axes!r}")

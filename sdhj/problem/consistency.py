@@ -20,7 +20,9 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """Random states on a grid, a tenth of them at nodes, ends and zeros: (COMPARED_STATES, ndim)."""
+    """Random states on a grid at which functions are compared with what was read of them, (COMPARED_STATES, ndim), the
+    same ones each time. In the first tenth of them every coordinate is a node, an end or a zero.
+    """
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
     for axis in range(grid.ndim):
@@ -31,14 +33,21 @@ def compared_states(grid: Grid) -> FloatArray:
 
 
 def compared_times(problem: Statement) -> list[float]:
-    """Times at which functions are compared, from the first to after the last; numbers, as the time is."""
+    """Six times at which functions are compared with what was read of them, s, plain floats: from 0 to just after the
+    last step.
+    """
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
 
 
 def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
-    """Compare the formulas of a set with the functions that they were read from, for the first problem that has it."""
+    """Compare the formulas of a set, `level_set` and `swept`, with the functions that they were read from, at
+    `compared_states`; ValueError where they differ (`formula.compare`).
+
+    The functions are forgotten then: the next problem that has the set does not compare it again. Black boxes are not
+    compared.
+    """
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
     for formula, each in ((part.level_set, [(t,) for t in times]), (getattr(part, "swept", None), spans)):
@@ -49,7 +58,9 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
-    """Raise ValueError where `swept` is above the level-set function at a time of its interval."""
+    """Raise ValueError where `swept` is above the level-set function at one of `INSTANTS` of its interval, at one of
+    SWEPT_STATES random states; of many steps at most SWEPT_STATES are looked at.
+    """
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
     lasting = problem.sensing.hold(problem.delta)[0]
@@ -68,7 +79,7 @@ def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
 
 
 def check_inputs(problem: Statement) -> None:
-    """Raise ValueError where an unsafe set names an input that there is not."""
+    """Raise ValueError where an unsafe set names, in its `inputs`, an input that the problem does not have."""
     for part in problem.unsafe:
         if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
             most = len(problem.inputs) - 1
@@ -76,9 +87,11 @@ def check_inputs(problem: Statement) -> None:
 
 
 def try_goals(problem: Sampled) -> None:
-    """Raise ValueError where no node is in the target and safe; a function may be undefined or out of range at one.
+    """Raise ValueError where no node is in the target and safe at any step, with the likely cause; and, from sampling
+    them, where a function is undefined, or its values are out of range, at a node that is looked at.
 
-    A grid of too many nodes to look at all of them has no error of this kind: whether it can be solved, `solve` says.
+    It ends at the first piece of the grid in which there is such a node. On a grid of more than `MOST_LOOKED_AT` pieces
+    only some are looked at, and not finding one is no error: whether it can be solved, `solve` says.
     """
     steps, target, looked = range((problem.steps or 0) + 1), problem.target, 0
     for piece in problem.grid.pieces_in_turn(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
@@ -103,7 +116,12 @@ def try_goals(problem: Sampled) -> None:
 
 
 def check_sensing(problem: Sampled) -> None:
-    """Raise ValueError if a problem does not fit its sensing."""
+    """Raise ValueError where error, rest, delay or jitter do not fit the grid, the inputs or delta; with jitter, where
+    dynamics, target or view_time "instantaneous" depend on time; where an end is "safe"; and where no node is in the
+    target and safe by twice the box E around the prediction.
+
+    The last is not looked at where the grid does not fit into memory, which `solve` says.
+    """
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:
         raise ValueError(f"error must be one number or {grid.ndim}, one for each axis, got {len(sensing.error)}")

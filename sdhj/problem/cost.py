@@ -57,13 +57,14 @@ class Cost(NamedTuple):
 
 
 class Stated(Exception):
-    """The cost is stated, and no more was asked for."""
+    """Raised by a meter with `only_stated`, as soon as it knows the cost: no more was asked for."""
 
 
 class Meter:
     """The progress of a solve, which calls `begin`, then `tick` as often as it likes, and `tube` after each tube.
 
-    A progress bar shows it, in operations; in tubes where the method does not say what it costs.
+    A progress bar shows it, in operations; in tubes where the method does not say what it costs. `with` makes it the
+    one that `begin` and `tick` of this module tell.
 
     name : of the bar.
     hidden : whether there is none.
@@ -72,25 +73,32 @@ class Meter:
     """
 
     def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
-        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations."""
+        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations;
+        see the class.
+        """
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
         self.each, self.until, self.at = 1, 0, 0
 
     def __enter__(self) -> "Meter":
-        """Be the meter that solves in this context tell."""
+        """Make it the meter that solves in this context tell; returns it."""
         self.token = METER.set(self)
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """Be it no longer, and close the bar."""
+        """Restore the meter before it, and close the bar."""
         METER.reset(self.token)
         if self.bar is not None:
             self.bar.close()
 
     def begin(self, cost: Cost | None, endless: bool) -> None:
-        """State the cost; ValueError if it is more than is allowed."""
+        """Note the cost and show the bar; raise `Stated` if no more was asked for, ValueError if it is more than is
+        allowed.
+
+        cost : None if it is not known; the bar then counts tubes. endless : whether the number of tubes is not known,
+            so that the bar has no end.
+        """
         self.cost = cost
         if self.only_stated:
             raise Stated
@@ -112,13 +120,17 @@ class Meter:
         self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB{disk}")
 
     def tick(self, operations: float) -> None:
-        """So many operations are done, of the avoid games or of the tube at hand: at most what was counted."""
+        """Move the bar by so many operations that are done, of the avoid games or of the tube at hand: no further than
+        was counted for these.
+        """
         if (more := min(round(operations), self.until - self.at)) > 0:
             self.at += more
             self.bar.update(more)
 
     def tube(self) -> None:
-        """All that was counted so far is done, and the next tube begins."""
+        """Move the bar to the end of all that was counted so far, and let the next tube begin; without a cost it
+        shows tubes.
+        """
         if self.bar is None:  # of sets that state nothing
             self.begin(None, True)
         self.tick(self.until - self.at)
@@ -126,7 +138,9 @@ class Meter:
 
 
 def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
-    """Why a solve takes long, in words: so many tubes of so many nodes or cells, and why so many."""
+    """A phrase that says why a solve takes long: so many tubes of `size` nodes or cells (`what`) for so many inputs,
+    and what makes the tubes so many.
+    """
     moving = [repr(part.name) for part in problem.all_sets if part.moving]
     moving += ["the dynamics"] * problem.dynamics.timed
     depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
@@ -138,12 +152,14 @@ METER: ContextVar[Meter | None] = ContextVar("METER", default=None)
 
 
 def begin(cost: Callable[[], Cost | None], endless: bool = False) -> None:
-    """Tell the meter, if there is one, what a solve costs; None if that is not known."""
+    """Tell the meter of this context, if there is one, what a solve costs: `cost()`, which is called only then.
+    endless : whether it has no number of steps. Raises what `Meter.begin` does.
+    """
     if (meter := METER.get()) is not None:
         meter.begin(cost(), endless)
 
 
 def tick(operations: float) -> None:
-    """Tell the meter of operations that were done."""
+    """Tell the meter of this context, if there is one, of operations that are done."""
     if (meter := METER.get()) is not None:
         meter.tick(operations)

@@ -18,7 +18,13 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 
 
 def described(problem: Statement) -> dict[str, Any]:
-    """The problem as plain numbers, lists and text (JSON), for the head of a file."""
+    """The problem as plain numbers, lists and text (JSON), for the head of a file: `Statement.numbers`, its name, and
+    "formulas".
+
+    Of each function that is a formula: how many coordinates and parameters it takes, and its lines of text; of each
+    black box, "opaque": what is declared of it. The pieces of v's range stand there only where they matter and are not
+    the default.
+    """
     functions = {}
     for name, lines in problem.texts[0].items():
         one: Any = problem.functions[name]
@@ -30,17 +36,22 @@ def described(problem: Statement) -> dict[str, Any]:
 
 
 def arrays_of(problem: Statement) -> dict[str, FloatArray]:
-    """The arrays that belong to a description, by the names that a file gives them."""
+    """The arrays that belong to a description, by the names that a file gives them.
+
+    "tables/0", "tables/1", ...: the tables that formulas look up; "opaque/NAME": `blackbox_values` of each black box,
+    which is called for them.
+    """
     tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
     return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
-def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of what the head of a file says of a problem, names included, and of its arrays.
+def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
+    """SHA-256, hexadecimal, of what the head of a file says of a problem (its entries `TOLD`, names included)
+    and of its arrays, compared as float64.
 
     The error of measurements may be stated once for all axes. Two problems with one digest have one table.
     """
-    said: dict[str, Any] = {name: told[name] for name in TOLD}
+    said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:
         error = np.broadcast_to(said["sensing"]["error"], len(said["grid"]["shape"])).tolist()
         said["sensing"] = said["sensing"] | {"error": error}
@@ -52,7 +63,12 @@ def digest_of(told: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
 
 
 def blackbox_values(problem: Statement, name: str) -> FloatArray:
-    """Values of a black box at random states and some times: what tells one from another, (values,)."""
+    """Values of the black box with this name in `functions`, flattened to one axis: by them a file tells it from
+    another one.
+
+    They are taken at the same random states of its axes' grid each time, at `BOX_STEPS` times within the problem's
+    steps; of a drift or gain under another input at each time, of `swept` over the interval that begins then.
+    """
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):
         part = problem.target if name == "target" else problem.unsafe[int(name.split()[1])]

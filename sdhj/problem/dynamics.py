@@ -92,7 +92,9 @@ class Dynamics:
     _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check inputs, functions and arrays; ValueError where one does not fit."""
+        """Check inputs, functions and arrays, and write a `Ball` as the components along its sides; ValueError where
+        one does not fit.
+        """
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
             raise ValueError(f"inputs must have shape (L, m) with at least one row, got {inputs.shape}")
@@ -127,7 +129,12 @@ class Dynamics:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
     def read(self, ndim: int) -> "VectorField":
-        """The dynamics of a state of `ndim` coordinates, read; ValueError if an array or a function does not fit."""
+        """The dynamics of a state of `ndim` coordinates, its functions read as formulas, bounds that depend on the
+        state as part of the gain.
+
+        Of `velocity` drift and gain are made where v enters linearly. ValueError if an array or a function does not
+        fit, or a function cannot be read.
+        """
         count = len(self.inputs)
         bounds = self._read("bounds", ndim, None)
         if not isinstance(bounds, Formula):
@@ -157,9 +164,11 @@ class Dynamics:
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
-        """Raise ValueError where a function's values at states (M, ndim) are not what was read from it.
+        """Raise ValueError where a user's function has other values, at states (M, ndim), than the formula that was
+        read from it.
 
-        Each input has one of the `times`, and the first all.
+        Under the first input at all of the `times`, under each other one at one of them; with one v. field : what
+        `read` returned.
         """
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
@@ -169,14 +178,22 @@ class Dynamics:
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:
-                    """The user's function as a formula is called: (M, ...) at points, time and disturbance."""
+                    """The user's function called as a formula is: (M, *one) at points (M, ndim), time t and the
+                    components of v.
+                    """
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
-        """A formula of shape (L, *shape), or a black box."""
+        """The field `name` ("drift", "gain", "bounds" or "velocity") as a formula of shape (L, *shape), or as a black
+        box; noted in `_parts` for `compare`.
+
+        shape : of the answer for one point; None for bounds, which may have any number of components. components : of
+            v, which a velocity takes. ValueError where it has another shape, is a black box that is not allowed there,
+            or has too many operations for a file.
+        """
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
         given, count = getattr(self, name), len(self.inputs)
@@ -198,7 +215,7 @@ class Dynamics:
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
-            """The arguments of a traced call under input u, for so many points."""
+            """The arguments, those in `takes`, of a traced call under input u (m,), for so many points."""
             return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
@@ -221,24 +238,31 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """gain_{id} |bounds_d|: the gain for a disturbance in [-1, 1]."""
+    """gain_{id} |bounds_d| at points (M, ndim), (M, L, ndim, D): the gain for a disturbance in [-1, 1]; gain and
+    bounds are formulas.
+    """
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|): the velocity of a disturbance in [-1, 1]."""
+    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|) under each input, (M, L, ndim): the velocity for components v in
+    [-1, 1].
+    """
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
-    """An array as a formula of constants."""
+    """A formula of `ndim` coordinates and the time whose results are an array's numbers, wherever it is asked."""
     return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """The dynamics of a problem, read: `problem.dynamics`."""
+    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, what `Dynamics.read` returns. It
+    evaluates velocities (`velocity_at`), bounds them (`range`, `extremes`), and says what they depend on
+    (`reads`, `pushes`, `timed`).
+    """
 
     inputs: FloatArray  # (L, m)
     ndim: int
@@ -250,44 +274,48 @@ class VectorField:
         default_factory=dict, init=False, repr=False
     )  # made of these, by what they are
 
-    def made(
+    def made_once(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
-        """`Formula.traced` of a function, made once for each key, which begins with the formula's name."""
+        """`Formula.traced` of a function of so many coordinates and parameters, made once for each key, whose
+        first entry is the formula's name.
+        """
         if key not in self._derived:
             self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
         return self._derived[key]
 
     @property
     def parts(self) -> list[Any]:
-        """Drift, gain and bounds, as far as there are any."""
+        """Drift, gain and bounds, formulas or black boxes, those that there are, in a list."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
     def formulas(self) -> bool:
-        """Whether nothing is a black box."""
+        """Whether drift, gain and bounds are all formulas, none of them a black box."""
         return all(isinstance(part, Formula) for part in self.parts)
 
     @cached_property
     def constant(self) -> bool:
-        """Whether velocities depend on input and disturbance only, and the disturbance moves the state always alike."""
+        """Whether drift, gain and bounds are constants, all of them formulas, and gain and bounds the same for every
+        input: velocities are drift_j + gain v.
+        """
         fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
         return fixed and self.gain is not None and self.alike
 
     @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Drift (L, ndim), gain (ndim, D) and bounds (D,) where they are constant."""
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,), read-only. Only where they are `constant`."""
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
         return drift, gain[0], bounds[0]
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state."""
+        """Whether velocities do not depend on the state, under any input."""
         return not self.reads.any()
 
     @cached_property
     def timed(self) -> bool:
-        """Whether velocities depend on time."""
+        """Whether drift, gain or bounds depend on time; a black box does unless its `rate` is 0."""
         return any(part.timed for part in self.parts)
 
     @property
@@ -297,13 +325,17 @@ class VectorField:
 
     @cached_property
     def alike(self) -> bool:
-        """Whether gain and bounds are the same for every input."""
+        """Whether gain and bounds are the same formulas for every input; False for black boxes and where v does not
+        enter linearly.
+        """
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
     @kept
     def pushes(self) -> FloatArray:
-        """Whether a component of the disturbance moves an axis, (L, ndim, D) bool."""
+        """Whether component d of v moves axis i under input j, (L, ndim, D) bool: neither the gain nor the bound is the
+        constant 0. All True where the gain is no formula.
+        """
         if not isinstance(self.gain, Formula):
             return np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
         zero = constant(0.0)
@@ -322,7 +354,9 @@ class VectorField:
         return out
 
     def couples(self, axes: Sequence[int]) -> bool:
-        """Whether a component of the disturbance moves several of some axes, so that their velocity set is no box."""
+        """Whether v enters linearly and some component of it moves several of some axes, so that their velocity set is
+        no box.
+        """
         moved = self.pushes[:, list(axes)].any(axis=0)
         if self.constant:
             pushed = np.abs(self.arrays[1])[list(axes)] * self.arrays[2]
@@ -341,18 +375,22 @@ class VectorField:
 
     @cached_property
     def _moved(self) -> FloatArray:
-        """Which axes each component of v moves where it does not enter linearly: (L, ndim, D) bool."""
+        """Whether component d of v moves axis i where it does not enter linearly, the formula of that velocity reading
+        it: (L, ndim, D) bool.
+        """
         each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
         return np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each])
 
     @property
     def is_cut(self) -> bool:
-        """Whether the number of pieces matters: a component that does not enter linearly moves several axes."""
+        """Whether `pieces` matters: v does not enter linearly, and a component of it moves several axes."""
         return self.gain is None and bool((self._moved.sum(axis=1) > 1).any())
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The components of the disturbance that move several axes, whatever the time: what each does is a segment."""
+        """The numbers of the components of v that move several axes: what each does is a segment. None where v does not
+        enter linearly, or gain or bounds depend on time.
+        """
         if self.gain is None or not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
             return ()
         moved = self.pushes
@@ -362,26 +400,32 @@ class VectorField:
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
-        """The same dynamics, states past some ends moving as at the end."""
+        """The same dynamics, but states are clipped to [lower, upper], (ndim,) each, before drift and gain are
+        evaluated: past an end they move as at it.
+        """
         gain = self.gain and self.gain.clipped(lower, upper)
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some axes, which read no others; those are taken at `lower` (ndim,)."""
+        """The dynamics of some axes, whose velocities read no other coordinate; the others are set to `lower`
+        (ndim,).
+        """
         keep = list(axes)
 
         def full(points: Any) -> Any:
-            """Points on some axes as points on all, at `lower` on the others."""
+            """Points on some axes, (M, len(axes)), as points on all, at `lower` on the others."""
             elsewhere = 0.0 * points[:, 0]
             columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
-            """A function of the components along some axes, of points on these."""
+            """The part (drift or gain; None stays None) of the components along some axes, as a function of points on
+            these.
+            """
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
             def of_some(points: Any, *given: Any) -> Any:
-                """The components `keep` of the function at points on these axes."""
+                """The components `keep` of the function at points (M, len(keep)) on these axes."""
                 return function(full(points), *given).take(keep, axis)
 
             if part is None or isinstance(part, Formula):
@@ -395,18 +439,22 @@ class VectorField:
         return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds, self.pieces)
 
     def undisturbed(self) -> "VectorField":
-        """The same without a disturbance."""
+        """The same dynamics with bounds of 0: v does nothing."""
         return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
     @kept
     def each(self) -> dict[str, list[Any]]:
-        """The formulas and black boxes under each input, by name."""
+        """Of "drift", "gain" and "bounds", as far as there are any, a list of the formulas or black boxes under each
+        input.
+        """
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
         rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
-        """The component `place`, in the flattened array, of the "drift", "gain" or "extremes" under input j."""
+        """One entry of "drift", "gain" or "extremes" under input j as a formula of its own: number `place` of the
+        flattened array. Made once.
+        """
         known, key = self._derived, (name, j, place)
         if key not in known:
             found = (self.extremes_of if name == "extremes" else self.each[name])[j]
@@ -433,7 +481,7 @@ class VectorField:
         return np.stack(columns, axis=2)
 
     def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
-        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim): (M, ndim)."""
+        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim)."""
         each = np.broadcast_to(v, (len(points), self.adversaries))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
@@ -441,11 +489,13 @@ class VectorField:
 
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
-        """Where v does not enter linearly: velocities with v as further coordinates."""
+        """Where v does not enter linearly: the velocity under each input as a formula of ndim + D coordinates, v behind
+        the state, and the time.
+        """
         ndim, count = self.ndim, self.ndim + self.adversaries
 
         def velocity(one: Formula, points: Any, t: Any) -> Any:
-            """The velocity of a point with the disturbance in its further coordinates."""
+            """The velocity `one` at a traced point (1, ndim + D), v in its last coordinates."""
             return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
 
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
@@ -459,18 +509,27 @@ class VectorField:
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """Under each input the least velocity along each axis over the box of v, and the greatest: (2, ndim)."""
+        """Under each input the least and the greatest velocity along each axis over the box of v, as a formula of shape
+        (2, ndim); where v enters linearly.
+        """
         count = len(self.inputs)
         return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
-        """The least and the greatest velocity, drift -+ sum_d |gain_d| bounds_d."""
+        """drift -+ sum_d |gain_d| bounds_d under input j at points (M, ndim) and time t: the least and the greatest
+        velocity, (M, 2, ndim).
+        """
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity along each axis under input j over the box of v, at points: (M, 2, ndim)."""
+        """Least and greatest velocity along each axis under input j over the box of v, at points (M, ndim) and time t:
+        (M, 2, ndim).
+
+        Where v does not enter linearly, by intervals: bounds, perhaps wider; ValueError where a velocity may be
+        undefined.
+        """
         if self.gain is None:
             low, high = self.range(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
@@ -482,10 +541,11 @@ class VectorField:
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
     def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
-        """Bounds on the velocity under input j in boxes (M, ndim) and an interval of time: both (M, ndim).
+        """Least and greatest velocity under input j over boxes from low to high, (M, ndim) each, and an interval of
+        time: both (M, ndim).
 
-        The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v.
-        ValueError where a black box does not declare enough.
+        The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v. -inf
+        and inf where it may be undefined; ValueError where a black box does not declare enough.
         """
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
@@ -498,9 +558,11 @@ class VectorField:
         return least[:, 0], greatest[:, 1]
 
     def along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . velocity under u_j at points (M, ndim) for each way n (K, ndim), whatever v does: (M, K).
+        """The greatest n . velocity under u_j at points (M, ndim) and time t for each way n, rows of `ways` (K, ndim),
+        whatever v does: (M, K).
 
-        Where v does not enter linearly: of the boxes of velocities of the pieces that its range is cut into.
+        v does not enter linearly: it is the greatest over the boxes of velocities of the pieces that its range is cut
+        into. ValueError where a velocity may be undefined.
         """
         ends = self.disturbance(j, points[:1], points[:1], (t, t))
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
@@ -517,7 +579,9 @@ class VectorField:
         return found
 
     def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
-        """Least and greatest v in an interval of time, (2, D): the vertex that the adversary keeps to moves with it."""
+        """Least and greatest v under u_j in an interval of time, (2, D): +-bounds, or between the values of sign_d
+        bounds_d of the vertex that the adversary keeps to. low, high (M, ndim): any boxes, as bounds read no state.
+        """
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
             return np.sort(signs * ends, axis=0)  # obligation 2.30
@@ -525,18 +589,22 @@ class VectorField:
         return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
-        """The velocity under u_j at a vertex of the box of v: drift + sum_d sign_d bounds_d gain_d."""
+        """The velocity under u_j at a vertex of the box of v as a formula of the state and time: drift + sum_d sign_d
+        bounds_d gain_d.
+        """
 
         def velocity(points: Any, t: Any) -> Any:
-            """drift + sum_d sign_d bounds_d gain_d."""
+            """drift + sum_d sign_d bounds_d gain_d at points (M, ndim): (M, ndim)."""
             drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
 
-        return self.made(("velocity", "at a vertex", j, signs), velocity, self.ndim)
+        return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """Bounds on the velocity where drift or gain is a black box, from what is declared and intervals."""
+        """`range` where drift or gain is a black box, with its arguments: its declared bounds, plus the least and
+        greatest products of gain and v, rounded outward.
+        """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
@@ -545,11 +613,11 @@ class VectorField:
 
 
 def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
-    """The arguments that a function takes, in its order."""
+    """Of points, u, t and v the arguments that a function takes, in its order; `takes` has their names."""
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """A function called with those of the given arguments that it takes."""
+    """function(...) with those of points, u, t and v, `given` in this order, that it takes; `takes` has their names."""
     return function(*_taken(takes, *given))

@@ -61,7 +61,9 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """A cause for a warning, how much of it, in the unit that it names, and what helps; `str()` is the sentence."""
+    """Something to be warned of: the cause, how much of it, in the unit that the cause names, what helps, and as
+    which kind of warning; `str()` is the sentence. `tell` warns.
+    """
 
     cause: str
     number: float
@@ -78,7 +80,9 @@ _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 
 @contextmanager
 def findings() -> Iterator[list[Finding]]:
-    """The findings that are told inside, in their order; those of a solve within a solve are its own."""
+    """Within it: the list of findings that `tell` is told of, in their order, as it grows. Those told within an inner
+    one are in that one's list alone.
+    """
     found: list[Finding] = []
     token = _FOUND.set(found)
     try:
@@ -88,7 +92,9 @@ def findings() -> Iterator[list[Finding]]:
 
 
 def tell(*some: Finding | None) -> None:
-    """Warn of findings, None aside, at the line that called the package, and add them to those of the solve."""
+    """Warn of each finding, None aside, at the line that called the package, and add it to the list of the `findings`
+    around, if any.
+    """
     frame, level, found = sys._getframe(1), 2, _FOUND.get()
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1

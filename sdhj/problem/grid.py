@@ -84,7 +84,7 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
-        """Check the arguments, and write ends out for each axis."""
+        """Check the arguments, and write ends out for each axis; ValueError where one does not fit, names the axis."""
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
@@ -123,7 +123,9 @@ class Grid:
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values, as float64."""
+        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values as float64, and
+        room for one piece.
+        """
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     @cached_property
@@ -174,27 +176,37 @@ class Grid:
         return points.reshape(self.size, self.ndim)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """A `Window` of consecutive nodes of each axis, which may wrap around periodic axes; all nodes: the grid."""
+        """The `Window` of shape[axis] consecutive nodes of each axis, from the node first[axis] on, around
+        periodic axes; the grid itself for all of its nodes.
+        """
         return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
 
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
-        """The `window` of `count` nodes along one axis, from the node `first` on, and all nodes of the other axes."""
+        """The `window` of `count` nodes along one axis, from the node `first` on (around a periodic axis), and all
+        nodes of the other axes.
+        """
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
     def continued(self, by: Sequence[int]) -> "Grid":
-        """The grid with so many more nodes of each axis before its lower and behind its upper end, as if at walls."""
+        """The grid with by[axis] more nodes before the lower and behind the upper end of each axis, all ends being
+        walls: see `Continued`.
+        """
         return Continued(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
-        """Cut the grid, from `axis` on, into windows of about `PIECE` nodes, in the nodes' order."""
+        """Yield windows of about `PIECE` nodes that together are the grid, in the nodes' order; cut along `axis` and
+        those behind it, so before it there must be one node.
+        """
         rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
         for row in range(0, rows, max(some, 1)):
             piece = self.stretch(axis, row, min(max(some, 1), rows - row))
             yield from [piece] if some else piece.pieces(axis + 1)
 
     def pieces_in_turn(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
-        """The `pieces` in a random order; of more than `most` only so many drawn ones."""
+        """Yield the windows that `pieces` yields in a random order; if they are more than `most`, `drawn` of them,
+        drawn with repetition.
+        """
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
         places = (*self.shape[:axis], -(-self.shape[axis] // some))
@@ -235,29 +247,29 @@ class Grid:
         return self._subgrids[tuple(axes)]
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of some of the axes."""
+        """A new grid of some of the axes, numbered anew in the order given, with their padding: see `subgrid`."""
         lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
         plain = Grid(lower, upper, shape, periodic, names, ends)
         return Rimmed(plain, padding) if np.any(padding) else plain
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
-        """The attributes that have one entry for each axis."""
+        """The attributes that have one entry for each axis: lower, upper, shape, periodic, names, ends, padding."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        """The subgrids that have been made, by their axes."""
+        """The subgrids that have been made, by the tuple of their axes."""
         return {}
 
     @cached_property
     def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
-        """The answers of `ends_where`, by fates."""
+        """The answers that `ends_where` has given, by fates."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-        """The answers of `faces`, by fates."""
+        """The answers that `faces` has given, by fates."""
         return {}
 
     @property
@@ -267,11 +279,13 @@ class Grid:
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index of the nodes that are not part of the `padding`."""
+        """Index, a slice for each axis, of the nodes that are not part of the `padding`."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (shape `shape`) at the first and the second node of every edge along an axis: two arrays."""
+        """Values (*shape) at the first and at the second node of every edge along an axis: two arrays, of one node less
+        along it; of as many where it is periodic, as the last edge leads to the first node.
+        """
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
         behind = (slice(None),) * axis
@@ -309,7 +323,9 @@ class Grid:
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper); also while traced."""
+        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper), a new array; also
+        traced points. The points themselves where no axis is periodic.
+        """
         if not any(self.periodic):
             return points
         if isinstance(points, Traced):
@@ -355,7 +371,7 @@ class Grid:
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid in the form that compiled code takes."""
+        """The grid as compiled code takes it: see `Lattice`."""
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
@@ -363,14 +379,18 @@ class Grid:
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def ends_where(self, *fates: Fate) -> FloatArray:
-        """Which lower and upper ends have one of these fates for a state beyond (`End`), of bounded axes: (2, ndim)."""
+        """Whether the lower and the upper end of each axis has one of these fates for a state beyond (`End`): (2, ndim)
+        bool, False on periodic axes.
+        """
         if fates not in (cache := self._ends_where):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and upper ends with these fates, both (ndim,); -inf and +inf for other ends."""
+        """Coordinates of the lower and upper ends with one of these fates, both (ndim,); -inf and +inf for other
+        ends. A padding lies beyond them.
+        """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
@@ -379,11 +399,13 @@ class Grid:
         return cache[fates]
 
     def has(self, fate: Fate) -> bool:
-        """Whether some axis has an end with this fate."""
+        """Whether some bounded axis has an end with this fate."""
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance of each node to the nearest end of a fate, < 0 past it, +inf without one; broadcasts to the grid."""
+        """Distance of each node to the nearest end with a fate, < 0 past it, +inf without one, along its own axis and
+        in its unit; broadcasts to the grid.
+        """
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
             nodes = self.nodes(axis)
@@ -392,16 +414,18 @@ class Grid:
 
     @cached_property
     def walled(self) -> "Grid":
-        """The same nodes with walls at all ends."""
+        """The same nodes with walls at all ends; made once."""
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim) clipped at the ends with these fates, by default at those that hold them."""
+        """States (..., ndim) clipped at the ends with these fates, by default at walls ("holds"); a new array."""
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
-        """Whether states (..., ndim) are past an end with these fates by more than rounding: bool (...)."""
+        """Whether states (..., ndim) are past an end with one of these fates by more than rounding (`SLACK` cells):
+        bool (...).
+        """
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
@@ -454,28 +478,30 @@ class Grid:
 class Rimmed(Grid):
     """A grid of which some nodes lie past safe ends, so that games are played there (`sdhj.problem.boxes`).
 
-    over : how many, of each axis, past its lower and its upper end.
+    over : how many nodes lie past the lower and the upper end of each axis, (ndim, 2).
     """
 
     over: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
-        """The grid, whose first and last nodes are `over` its safe ends."""
+        """The nodes of a grid, of which the first and the last over[axis] lie past its safe ends."""
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
         object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes lie past the safe ends."""
+        """How many nodes of each axis lie past its lower and its upper safe end: `over`."""
         return self.over
 
 
 @dataclass(frozen=True, init=False)
 class Continued(Grid):
-    """A grid with so many more nodes before the lower and behind the upper end of each axis, as if at walls."""
+    """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing, and walls at
+    all ends.
+    """
 
     def __init__(self, grid: Grid, by: Sequence[int]) -> None:
-        """The grid with `by` nodes more on both sides of each axis."""
+        """The grid with by[axis] nodes more on both sides of each axis."""
         past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
         ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
         super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
@@ -494,7 +520,7 @@ class Window(Grid):
     first: tuple[int, ...] = ()  # the window's first node on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
-        """The window of `shape` nodes from the node `first` of the whole grid on."""
+        """The window of shape[axis] nodes of each axis of the whole grid, from the node first[axis] on."""
         for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
@@ -503,7 +529,7 @@ class Window(Grid):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """That of the whole grid."""
+        """How many nodes of each axis of the whole grid lie past its safe ends."""
         return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:
@@ -515,21 +541,25 @@ class Window(Grid):
         return self.whole.nodes(axis)[self.places(axis)]
 
     def continued(self, by: Sequence[int]) -> Grid:
-        """The window with so many more nodes on both sides of each axis, see `Grid.continued`."""
+        """The window with by[axis] more nodes on both sides of each axis, as a window of `Grid.continued` of the
+        whole grid.
+        """
         shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
         return self.whole.continued(by).window(self.first, shape)
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of the whole axis's length that each of the window's nodes represents."""
+        """Share of the whole axis's length that each of the window's nodes represents, (shape[axis],)."""
         return self.whole.shares(axis)[self.places(axis)]
 
     def _subgrid(self, axes: Sequence[int]) -> Grid:
-        """The window of some axes in the subgrid of the whole grid."""
+        """The window of some axes, in the order given, in the subgrid of the whole grid: see `subgrid`."""
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
     @kept
     def arrays(self) -> Lattice:
-        """The window in the form that compiled code takes, see `Grid.arrays`."""
+        """The window as compiled code takes it: the whole grid's `Lattice`, with the first node and the extent of
+        the window.
+        """
         first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
         return self.whole.arrays._replace(first=first, extent=extent)

@@ -31,12 +31,15 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 
 @dataclass(frozen=True)
 class Velocities:
-    """The velocity set at every node, in the form that the kernels take.
+    """The velocity set at every node, in the form that the kernels take: v_i in [low_i, high_i].
 
-    An interval [low, high] for each axis: arrays (ndim,) if it does not depend on the state, else (ndim, *shape), or a
-    list of arrays that broadcast to the shape, each on the axes that it varies along. If the adversary couples axes or
-    a coordinate was projected out, also `drift` (modes, ndim, *shape) and `gain` (modes, ndim, D, *shape), times the
-    bounds: H = max over modes of p . drift + sum_d |p . gain_d|.
+    low, high : of each axis, its unit per second: arrays (ndim,) if they do not depend on the state, else (ndim,
+        *shape), or a list of arrays that broadcast to the shape, each on the axes that it varies along.
+    drift, gain : only if the adversary couples axes or a coordinate was projected out: (modes, ndim, *shape) and
+        (modes, ndim, D, *shape), the latter times the bounds of v. Then H(p) = max over modes of p . drift + sum_d |p .
+        gain_d|.
+    shape : of the grid, where it is not that of the arrays.
+    terms : what `sdhj.solver.schemes` makes of them for the kernels, by the layout; None: it is not kept.
     """
 
     low: Any
@@ -51,7 +54,9 @@ class Velocities:
         read_only((self.low, self.high, self.drift, self.gain))
 
     def kept(self) -> "Velocities":
-        """The same velocities, which keep what is made of them for the kernels, by the layout."""
+        """The same velocities with a dictionary `terms`, in which what is made of them for the kernels is kept, by the
+        layout.
+        """
         return self if self.terms is not None else replace(self, terms={})
 
     @property
@@ -61,7 +66,7 @@ class Velocities:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of what is kept."""
+        """Bytes of low, high, drift and gain; what is in `terms` is not counted."""
         parts = [part for part in (self.low, self.high, self.drift, self.gain) if part is not None]
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
@@ -81,7 +86,9 @@ class Velocities:
 
 
 def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """The error for an interval that needs too many (`count`) of `what` at speeds (ndim,); it names the worst axis."""
+    """A ValueError to be raised for an interval of `duration` s that needs too many (`count`) of `what` at speeds
+    (ndim,); it names the axis on which most cells are crossed.
+    """
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
         f"a sampling interval of delta = {duration:g} needs {count:.1e} {what}, and at most {MOST_STEPS:,} are "
@@ -91,7 +98,9 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Corners of boxes, a spread nearer to each other; where that leaves rounding, their middle."""
+    """Lower and upper corners of boxes, each moved towards the other by `spread` >= 0 (all broadcast); both in the
+    middle where no more than rounding would be left between them.
+    """
     if not np.any(spread):
         return low, high
     middle, left = (low + high) / 2, (high - low) / 2 - spread
@@ -100,7 +109,9 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
-    """Whether segments (axes, K), reflected at an axis, are the same."""
+    """Whether the set of segments from -pushes[:, k] to pushes[:, k], pushes (axes, K), is its own mirror image about
+    an axis: along each direction as much length as along the mirrored one.
+    """
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
     same = np.abs(np.abs(pushes.T @ np.hstack([pushes, mirrored])) - np.outer(lengths, np.tile(lengths, 2)))
@@ -110,7 +121,9 @@ def _symmetric(axis: int, pushes: FloatArray) -> bool:
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
-    """Each input that occurs among some (M,), and the rows where it does."""
+    """Yield each input that occurs among `inputs` (M,), indices, ascending, and the rows where it does: indices, or a
+    slice where M is 1.
+    """
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
         return
@@ -122,7 +135,9 @@ def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
 class Interval:
     """The motion from one sampling time to the next, under a constant input and any disturbance.
 
-    Made by `ReachAvoidProblem.interval`. States may have any coordinates on periodic axes.
+    Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end (`ahead`,
+    `reachable_boxes`), and has the velocity sets of the games (`velocities`, `displacement_boxes`). States may have any
+    coordinates on periodic axes.
     """
 
     grid: Grid
@@ -135,22 +150,26 @@ class Interval:
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """The time at which the interval ends, s: begin + delta."""
         return self.begin + self.delta
 
     @cached_property
     def walled(self) -> "Interval":
-        """The same on a grid with walls at all ends, where predictions are clipped."""
+        """The same interval on a grid with walls at all ends, at which states are then clipped."""
         return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 
     def drift(self, states: Any, j: int, t: Any) -> Any:
-        """Velocity of states (M, ndim) under input j without the adversary: (M, ndim)."""
+        """Velocity of states (M, ndim) under input j without the adversary at time t, s: (M, ndim). Traced arrays may
+        be given, too.
+        """
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain times v's box for each state (M, ndim) under its input (M,): (M, ndim, D)."""
+        """The gain for each state (M, ndim) under its input, indices (M,), at time t: (M, ndim, D); see
+        `VectorField.gain_at`.
+        """
         points = self.grid.wrapped(states)
         if self.dynamics.alike:
             return self.dynamics.gain_at(points, 0, t)
@@ -160,14 +179,14 @@ class Interval:
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
-        """Half-widths of the adversary's box under each of the inputs (M,): (M, D)."""
+        """Half-widths of the adversary's box under each of the inputs (M,), indices, at time t: (M, D)."""
         if self.dynamics.alike:
             return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.adversaries))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
         return table[inputs]
 
     def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """Velocity of each state (M, ndim) under its input (M,) without an adversary: (M, ndim)."""
+        """Velocity of each state (M, ndim) under its input, indices (M,), without an adversary at time t: (M, ndim)."""
         if self.dynamics.constant:
             return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
@@ -190,15 +209,17 @@ class Interval:
         return out
 
     def _runge_kutta(self, j: int, whole: Any, t: Any, duration: Any) -> Any:
-        """States and disturbances side by side, (M, ndim + D), to states a step later."""
+        """One Runge-Kutta step of order 4 under input j, from time t, clipped at walls at each stage: states and
+        disturbances side by side, (M, ndim + D), to the states `duration` s later, (M, ndim).
+        """
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
-            """The velocity at states q and a time."""
+            """The velocity at states q (M, ndim) and time `now`, s, under input j and v."""
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
 
         def moved(span: Any, slope: Any) -> Any:
-            """States after a time span at a slope, stopped at walls."""
+            """`states` moved for a time `span` at a velocity `slope` (M, ndim), clipped at walls."""
             return self.grid.clipped(states + span * slope)
 
         k1 = velocity(states, t)
@@ -208,12 +229,14 @@ class Interval:
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A method of points and a time as a formula, one tape for all that it does; itself with black boxes."""
+        """A function of points (M, coordinates), and of so many parameters of which the first is the time, as one
+        formula, made once for `what` on this grid; the function itself where the dynamics have black boxes.
+        """
         if not self.dynamics.formulas:
             return function
         grid = self.grid
         key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
-        return self.dynamics.made(key, function, coordinates, parameters)
+        return self.dynamics.made_once(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
@@ -225,7 +248,9 @@ class Interval:
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Where every input takes the states by the velocity at the begin, and by that halfway: both (M, L, ndim)."""
+        """Where every input j takes the states without an adversary, relative to them, both (M, L, ndim): delta f(x,
+        t), and by the midpoint rule delta f(x + delta f / 2, t + delta / 2). `begin` is t, s.
+        """
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
             moves.append(self.delta * self.drift(states, j, begin))
@@ -245,8 +270,8 @@ class Interval:
         return low - spread, high + spread
 
     def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
-        """Some of the states of `reachable_boxes` that the adversary can bring about: (M, L, P, ndim), or (1, L, P,
-        ndim).
+        """Some of the states of `reachable_boxes` that the adversary can bring about, relative to the states: (M, L, P,
+        ndim), or (1, L, P, ndim).
 
         sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
         of v move several axes, each is at the end that lies farther in this direction from the middle; between planes,
@@ -267,26 +292,30 @@ class Interval:
         return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """Boxes and paths that each input leads to, relative to the states: (4, L, ndim, M or 1 if alike for all).
+        """Boxes and paths that each input leads to, relative to the states: (4 + K, L, ndim, M or 1 if alike for all).
 
-        The corners of a box, and two terms of the path without an adversary: a share s of the interval later the state
-        is s times the third and s^2 times the fourth away. Exact for a constant drift, else to second order. Behind
-        them, half of each segment that components of v which move several axes add to the box (`VectorField.oblique`);
-        or the greatest n . x of the states x at the end for each of the `normals` n, ndim of them in a term.
+        [0], [1]: lower and upper corners of a box. [2] and [3], a and b: the path without an adversary, x(t + s delta)
+        = x + s a + s^2 b for 0 <= s <= 1. Exact for a constant drift, else to second order. Behind them, half of each
+        segment that components of v which move several axes add to the box (`VectorField.oblique`); or the greatest n .
+        x of the states x at the end for each of the `normals` n, ndim of them in a term.
         """
         if self.dynamics.stateless:
-            return self._alike.copy()  # compiled look-ups take it in place of what they write
+            return self._ahead_everywhere.copy()  # compiled look-ups take it in place of what they write
         found = (self.ahead_formula or self._ahead)(states, self.begin)
         return np.ascontiguousarray(np.moveaxis(found, 0, -1))
 
     @kept
-    def _alike(self) -> FloatArray:
-        """`ahead` where it is the same for all states, (4, L, ndim, 1)."""
+    def _ahead_everywhere(self) -> FloatArray:
+        """`ahead` where it is the same for all states, (4 + K, L, ndim, 1)."""
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
     @property
     def ahead_formula(self) -> Formula | None:
-        """`ahead` of states and the time of its begin; None where it is the same for all states, or cannot be read."""
+        """`ahead` as one formula of states and the time of the interval's begin, (4 + K, L, ndim) for each state.
+
+        None where it is the same for all states, where the dynamics have a black box, or where v does not enter
+        linearly.
+        """
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
             return None
@@ -295,11 +324,16 @@ class Interval:
         return found
 
     def _ahead(self, states: Any, begin: Any) -> Any:
-        """`ahead` with the states first: (M, 4, L, ndim); the hull over early ends, widened by `wider`."""
+        """`ahead` of states (M, ndim) of an interval that begins at `begin`, s, with the states first: (M, 4 + K, L,
+        ndim).
+
+        The boxes are hulls over the ends that the adversary may choose (now, in the middle and at the latest), widened
+        by `wider`. States may be traced.
+        """
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
             ways = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
-            ends = [replace(self, delta=delta)._farthest(states, begin, ways) for delta in lasting]
+            ends = [replace(self, delta=delta)._greatest_along(states, begin, ways) for delta in lasting]
             far = np.maximum.reduce(ends) + np.abs(ways) @ (self.wider + np.zeros(self.grid.ndim))
             moved, later = self._moves(states, begin)
             terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
@@ -308,7 +342,7 @@ class Interval:
         corners = [replace(self, delta=delta)._corners(states, begin) for delta in lasting]
         low, high = (reduce(*one) for one in zip((np.minimum, np.maximum), zip(*corners, strict=True), strict=True))
         moved, later = self._moves(states, begin)
-        segments = [self.delta * half for half in self._halves(states, begin)]
+        segments = [self.delta * half for half in self._half_segments(states, begin)]
         return np.stack([low - self.wider, high + self.wider, moved, later - moved, *segments], axis=1)
 
     @kept
@@ -331,8 +365,13 @@ class Interval:
                     found.append(normal / self.grid.spacing)
         return np.array(found).reshape(-1, ndim)
 
-    def _farthest(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . x of the states x at the end, relative to the states, for each way n: (M, L, ways)."""
+    def _greatest_along(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
+        """The greatest n . (x(end) - x) over all v for each way n (K, ndim), under each input: (M, L, K). States (M,
+        ndim); the interval begins at `begin`, s.
+
+        Exact where velocities do not depend on the state; else delta times the greatest velocity beyond the drift
+        halfway, at the begin, middle and end.
+        """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
@@ -349,8 +388,10 @@ class Interval:
             far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
 
-    def _halves(self, states: Any, begin: Any) -> list[Any]:
-        """Of each component of v that moves several axes, half of what it adds to the velocity: each (M, L, ndim)."""
+    def _half_segments(self, states: Any, begin: Any) -> list[Any]:
+        """For each component d of v in `VectorField.oblique`: gain_d bounds_d under each input, (M, L, ndim), which is
+        half of the segment that it adds to the velocity of states (M, ndim); a list.
+        """
         dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
         if not dynamics.oblique:
             return []
@@ -359,11 +400,17 @@ class Interval:
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Lower and upper corners at the end, both (M, L, ndim), of what moves one axis each."""
+        """Lower and upper corners at the end, relative to the states (M, ndim), of what the drift and those components
+        of v that move one axis add: both (M, L, ndim), or (1, L, ndim) where velocities do not depend on the state.
+
+        Exact there; else the drift by the midpoint rule, and around it delta times the greatest deviation by v, at the
+        begin and, if anything depends on time, in the middle and at the end. `begin` is the time, s, at which the
+        interval begins.
+        """
         dynamics = self.dynamics
         if dynamics.stateless:
             low, high = self.displacement_boxes(0.0, self.delta)
-            spread = sum((np.abs(half[0]) for half in self._halves(states, begin)), np.zeros_like(low))
+            spread = sum((np.abs(half[0]) for half in self._half_segments(states, begin)), np.zeros_like(low))
             low, high = narrowed(low, high, self.delta * spread)
             return low[None], high[None]
         centre, points = self._moves(states, begin)[1], self.grid.wrapped(states)
@@ -391,29 +438,33 @@ class Interval:
         return np.stack(each, axis=1)
 
     @kept
-    def _always(self) -> FloatArray:
-        """`extremes` where they do not depend on time."""
+    def _constant_extremes(self) -> FloatArray:
+        """`extremes` where they do not depend on time, found once."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Corners of the boxes of displacements from `begin` to `end`, s into the interval, by input: two (L, ndim).
+        """Lower and upper corners, (L, ndim) each, of the displacements under each input from `begin` to `end`, s into
+        the interval.
 
-        For velocities that do not depend on the state; exact where they do not depend on time, else by Gauss's rule.
+        (end - begin) times the mean over time of the least and the greatest velocity. For velocities that do not depend
+        on the state; exact where they do not depend on time, else by Gauss's rule with 8 nodes.
         """
         if self.dynamics.timed:
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
             mean = np.tensordot(WEIGHTS / 2, np.stack([self.extremes(t) for t in times]), axes=1)
         else:
-            mean = self._always
+            mean = self._constant_extremes
         low, high = (end - begin) * mean
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """Of components of v that move several of some axes, half the segment that each adds per second: (L, K, axes).
+        """Of components of v that move several of some axes, half the segment that each adds to the velocity, gain_d
+        bounds_d: (L, K, axes).
 
-        The displacement over tau is that of the box less their share, plus any point of each segment times tau. None
-        (K = 0) where gain or bounds depend on time, and none of those that move an axis with a wall, unless nothing
-        drifts along it and the set of segments is symmetric about it: what is held at a wall may end elsewhere.
+        The displacement over tau is that of the box less their share, plus any point of each segment times tau. None (K
+        = 0) where gain or bounds depend on time, and none of those that move an axis with a wall, unless nothing drifts
+        along it and the set of segments is symmetric about it: what is held at a wall may end elsewhere. For velocities
+        that do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
@@ -430,7 +481,9 @@ class Interval:
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
     def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
-        """Whether what is held at a wall of an axis may end outside the sum of segments (L, axes, K), it being one."""
+        """Whether an axis has a wall at which states may be held and then end outside the sum of segments, pushes (L,
+        axes, K) with this axis at `place`: where something drifts along it, or they are not symmetric about it.
+        """
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
             return False
@@ -439,12 +492,14 @@ class Interval:
 
     @property
     def held(self) -> FloatArray:
-        """The walls at which states may end outside the sum of segments or past planes: (2, ndim), else infinite."""
+        """Coordinates of the lower and upper walls at which states may end outside the sum of segments or past the
+        planes, (2, ndim); -inf and inf for other ends.
+        """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
             walls = np.where(self.normals.any(axis=0), walls, np.array([[-np.inf], [np.inf]]))
         if dynamics.oblique and dynamics.stateless:
-            pushes = np.stack(self._halves(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
+            pushes = np.stack(self._half_segments(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
             past = np.array([[-np.inf], [np.inf]])
             walls = np.where([self._holds(axis, axis, pushes) for axis in axes], walls, past)
         return walls
@@ -452,7 +507,9 @@ class Interval:
     # ---- on the grid: velocity sets for the games
 
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """A formula of one result at the nodes, on the axes that it reads; broadcastable over the subgrid of `seen`."""
+        """A formula of one result at the nodes of the axes that it reads, time t; broadcastable over the subgrid of the
+        axes `seen`, which are these and others.
+        """
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
             return formula(np.array([self.grid.lower]), t).reshape((1,) * len(seen))
@@ -461,7 +518,9 @@ class Interval:
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """The least and the greatest velocity along each axis under u_j, each on the axes that it reads: (*shape)."""
+        """The least and the greatest velocity along each axis under u_j over all v at the nodes, time t: two lists of
+        ndim arrays that broadcast to the grid's shape, each on the axes that it reads.
+        """
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
             found = [self._sampled(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)]
@@ -472,7 +531,9 @@ class Interval:
 
     @kept
     def speeds(self) -> FloatArray:
-        """The greatest speed along each axis at the nodes, whatever the input and the adversary; (ndim,)."""
+        """The greatest |velocity| along each axis over all nodes, inputs and v: (ndim,); of what depends on time at
+        some instants of the interval. On a window that of the whole grid.
+        """
         if self.whole is not None:
             return self.whole.speeds
         instants = self.begin + self.delta * (INSTANTS[::4] if self.dynamics.timed else INSTANTS[:1])
@@ -480,11 +541,11 @@ class Interval:
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
     def on(self, grid: Grid) -> "Interval":
-        """The interval on a window of its grid, where what is said of the whole grid stays as it is there."""
+        """The interval on a window of its grid; what is said of the whole grid (`speeds`) stays as it is there."""
         return replace(self, grid=grid, whole=self)
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The smallest set of axes that holds `axes` and whose velocities depend on no other coordinate."""
+        """The smallest set of axes, ascending, that holds `axes` and whose velocities depend on no other coordinate."""
         found = set(axes)
         while grown := {int(k) for i in found for k in np.flatnonzero(self.dynamics.reads[i])} - found:
             found |= grown
@@ -506,7 +567,7 @@ class Interval:
         elif (box := self._hull(j, axes, t)) is not None:
             return box
         elif dynamics.gain is None:
-            return self._ranges(j, axes, t)
+            return self._boxes_of_pieces(j, axes, t)
         else:
             f, b = self._modes(j, axes, t)
         spread = np.abs(b).sum(axis=2)
@@ -516,14 +577,22 @@ class Interval:
         coupled = (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any()
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
-    def _seen(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """Some axes and those that their velocities read, ascending; the places among them of the latter alone."""
+    def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
+        """Some axes and all those that their velocities read, ascending; and the places in this list of the axes that
+        were added.
+        """
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
     def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
-        """The velocity set where it is a box, each end sampled on the axes that it reads; None where it is none."""
-        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        """The velocity set under u_j along some axes at time t as a box, each end sampled on the axes that it reads and
+        its extreme taken over coordinates left out.
+
+        None where a box would be larger than the set: where the adversary couples the axes, or left-out coordinates
+        move the velocity of several; and where it cannot be sampled so, with black boxes or v that does not enter
+        linearly. ValueError where a bound is below 0.
+        """
+        dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         if not dynamics.formulas or dynamics.gain is None:
             return None
         if (np.count_nonzero(dynamics.pushes[j][axes], axis=0) > 1).any():
@@ -538,24 +607,27 @@ class Interval:
             swayed += bool(np.ptp(low, axis=outside).any() or np.ptp(high, axis=outside).any())
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
-    def _points(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of some axes, at the lower ends of the others."""
+    def _points_of_axes(self, seen: list[int]) -> FloatArray:
+        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at their lower
+        ends.
+        """
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))
         points[:, seen] = grid.points()
         return points
 
-    def _ranges(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The box of velocities where the disturbance does not enter linearly, or one for each piece of its range.
+    def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
+        """The velocity set under u_j along some axes at time t where v does not enter linearly: a box, or one for each
+        piece of v's range, as modes whose gain is diagonal.
 
         A velocity is in the box of some piece, so that H is at most the maximum over them, and no less than that of a
-        box over the whole range.
+        box over the whole range. Boxes hold all coordinates that are left out. MemoryError where the pieces do not fit.
         """
-        dynamics, (seen, outside), cuts = self.dynamics, self._seen(axes), self.dynamics.cuts(axes)
+        dynamics, (seen, outside), cuts = self.dynamics, self._with_axes_read(axes), self.dynamics.cuts(axes)
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
         if count > 1:
             require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
-        points, lows, highs = self._points(seen), list[FloatArray](), list[FloatArray]()
+        points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
         ends = dynamics.disturbance(j, points, points, (t, t))
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         for at in product(*map(range, cuts)):
@@ -573,8 +645,11 @@ class Interval:
         return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) at time t."""
-        dynamics, (seen, outside) = self.dynamics, self._seen(axes)
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under u_j along some axes at
+        time t: a mode for each combination of nodes of the coordinates left out that enter. MemoryError if they do not
+        fit.
+        """
+        dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.adversaries
         require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
@@ -586,7 +661,7 @@ class Interval:
                     push = dynamics.component("gain", j, axis * count + d)
                     sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
         else:
-            points = self._points(seen)
+            points = self._points_of_axes(seen)
             gain = dynamics.gain_at(points, j, t)[:, axes] * bounds
             parts = np.concatenate([dynamics.drift_at(points, j, t)[:, axes, None], gain], axis=2)
             sampled = np.moveaxis(parts, 0, 2).reshape(sampled.shape)

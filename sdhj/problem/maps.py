@@ -57,9 +57,10 @@ HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _G
 def map_distance(
     source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
 ) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
-    """The signed distance, of x and y in the map's frame, to what a map does not show as free; and that frame's pose.
+    """The signed distance (x (M,), y (M,)) -> (M,), in the map's frame, to all that a map does not show as free, less a
+    radius; and the pose of that frame, (x, y, yaw).
 
-    Less a radius: see `UnsafeSet.from_map`.
+    source, resolution, origin, radius, name : as for `UnsafeSet.from_map`, with the errors that it names.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -88,7 +89,9 @@ def map_distance(
     del nodes
 
     def distance(x: Any, y: Any) -> Any:
-        """At places (M,): the table on the map, less the distance to the map off it."""
+        """At places (M,), m in the map's frame: the table's interpolant at the nearest place on the map, less the
+        distance to that.
+        """
         past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
         return table(np.stack([x, y], axis=1)) - np.hypot(*past)
 
@@ -96,10 +99,12 @@ def map_distance(
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
-    """Signed distance to the blocked pixels and the outside of the map, m, at nodes half a pixel apart.
+    """Signed distance to the blocked pixels and the outside of the map, m, negative in them, at nodes half a pixel
+    apart; `side` is that of a pixel, m.
 
-    It is the distance to the border: the nearest node that is both on an unsafe square and on a free one. blocked :
-    (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending.
+    It is the distance to the border: the nearest node that is both on an unsafe square and on a free one. blocked
+    (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending. ImportError
+    without SciPy.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -107,7 +112,7 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
         raise ImportError(f"distances on a map need SciPy; {MISSING}") from error
 
     def closed(cells: FloatArray) -> FloatArray:
-        """Whether each node touches one of the cells (n, m): (2 n + 1, 2 m + 1)."""
+        """Whether each node touches the closed square of one of the cells (n, m) bool: (2 n + 1, 2 m + 1) bool."""
         centres = np.zeros([2 * n + 1 for n in cells.shape], np.bool_)
         centres[1::2, 1::2] = cells
         return np.asarray(binary_dilation(centres, np.ones((3, 3))))
@@ -126,11 +131,13 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
-    """The pixels that are not free (rows, columns), the resolution and the origin of a map server's YAML file.
+    """The pixels that are not free (rows, columns) bool, the side of a pixel, m, and the origin (x, y, yaw) of a map
+    server's YAML file and its picture.
 
     As for the map server, a pixel is free if its darkness (its lightness with `negate`), from 0 to 1, is below
     `free_thresh`. All other pixels are occupied or unknown, in mode "trinary" and in mode "scale" alike, and so are
-    pixels that are not opaque.
+    pixels that are not opaque. Warns where grey 205, which marks unknown pixels, counts as free. ValueError, with the
+    file's name, where it or the picture cannot be read or is not what it should be.
     """
     try:
         import yaml
@@ -171,7 +178,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
 
 
 def spelled(text: Any) -> Any:
-    """The number that a text spells, or what was given."""
+    """float(text) where a text spells a number, or what was given, unchanged."""
     try:
         return float(text)
     except (TypeError, ValueError):
@@ -179,7 +186,9 @@ def spelled(text: Any) -> Any:
 
 
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque: both (rows, columns)."""
+    """Lightness of the pixels of a PGM, PPM, PBM, PNG or BMP file, 0 to 255, and whether they are opaque: both (rows,
+    columns). ValueError, with the path, for other or damaged files and those that are too large.
+    """
     try:
         from PIL import Image
     except ImportError as error:
@@ -205,9 +214,11 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def netpbm(data: bytes) -> bytes:
-    """A PGM, PPM or PBM file, its header without comments; ValueError where it is not as long as that says.
+    """The bytes of a PGM, PPM or PBM file, its header rewritten without comments; ValueError where it has no such
+    header, or is not as long as that says.
 
-    Such a file has no checksum: where something has changed its line ends, the picture is shifted.
+    Such a file has no checksum: where something has changed its line ends, the picture is shifted. MemoryError where
+    the picture does not fit.
     """
     found = HEADER.match(data, 0, MOST_TEXT)
     if not found:
@@ -234,7 +245,9 @@ def netpbm(data: bytes) -> bytes:
 
 
 def few_chunks(data: bytes) -> bytes:
-    """A file; ValueError where it is a PNG that takes long to read, of many chunks beside those of its pixels."""
+    """The bytes of a file, unchanged; ValueError where it is a PNG with more than `MOST_CHUNKS` chunks that hold little
+    or none of its pixels, which takes long to read.
+    """
     place, count = 8, 0
     while data.startswith(b"\x89PNG") and place + 8 <= len(data):
         length, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
@@ -245,7 +258,9 @@ def few_chunks(data: bytes) -> bytes:
 
 
 def contents(path: Path, most: int) -> bytes:
-    """The bytes of a file of at most so many; ValueError or OSError otherwise, also where it would not end."""
+    """The bytes of a file; ValueError where it has more than `most`, or is no plain file and might not end; OSError
+    where it cannot be read.
+    """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise ValueError("it is a folder, a device or a pipe")
     with open(path, "rb") as stream:
@@ -256,7 +271,9 @@ def contents(path: Path, most: int) -> bytes:
 
 
 def require_memory_for_map(width: int, height: int) -> None:
-    """ValueError where a map has more pixels than a table of their distances may, MemoryError where they do not fit."""
+    """Raise ValueError where a map of so many pixels has a larger table of distances than a problem may have,
+    MemoryError where reading it does not fit into memory.
+    """
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
         raise ValueError(
@@ -267,5 +284,7 @@ def require_memory_for_map(width: int, height: int) -> None:
 
 
 def refused(path: Path, what: str, why: Exception | str) -> ValueError:
-    """The error, in one line that is not long, about a file that is not what it should be."""
+    """A ValueError to be raised about a file that is not `what` it should be, and `why`, in one line that is not
+    long.
+    """
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

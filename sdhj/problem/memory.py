@@ -14,19 +14,25 @@ GROUPS = {
 
 
 def available() -> tuple[int, str] | None:
-    """Bytes that this process can still allocate and the source of that limit; None if the system reports neither."""
+    """Bytes that this process can still allocate, and words that say which limit that is, the least of machine,
+    process and control groups; None if the system reports none.
+    """
     return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    """The available memory of the machine, bytes, and how to say it."""
+    """Yield the memory that the machine has available, bytes, and the words "are available"; nothing where there is no
+    /proc/meminfo.
+    """
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
             yield 1024 * int(line.split()[1]), "are available"
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """The bytes left of this process's address space, if it is limited, and how to say it."""
+    """Yield the bytes that are left of this process's address space, and words that say of which limit; nothing if it
+    is not limited.
+    """
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
 
@@ -39,7 +45,11 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """The bytes that the process's control groups leave, and how to say it; a container sees its group as the root."""
+    """Yield the bytes that each control group of the process, and each one above it, leaves, and words that say which;
+    a container sees its own group as the root.
+
+    root, groups : where the groups are mounted, and the file that names those of this process.
+    """
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
         mount, *names, given_back = GROUPS[kinds != ""]
@@ -61,7 +71,11 @@ def _lines(path: Path) -> list[str]:
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
-    """Raise MemoryError if `what` needs more bytes than are available."""
+    """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`; the message says how much and gives
+    the remedy.
+
+    Up to `SPARE` bytes nothing is checked.
+    """
     free = available() if needed > SPARE else None
     if free is not None and needed > free[0]:
         shown = [f"{Decimal(size) / 10**9:.3g}" for size in (needed, free[0])]  # may be more than a float holds

@@ -17,13 +17,17 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values of a level-set function at all nodes, shape grid.shape, asked for piece by piece."""
+    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape), sampled piece by piece;
+    ValueError by `supported`, with the set's `name`.
+    """
     values = [supported(function, piece.points(), name) for piece in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
 def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
-    """Values of a level-set function at nodes; ValueError where single precision does not support them."""
+    """Values (M,) of a level-set function at points (M, ndim); ValueError where one is not finite, above `LARGEST`, or
+    so small that single precision would make it 0.
+    """
     values = function(points)
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
         raise ValueError(
@@ -45,13 +49,17 @@ def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, 
 
 
 def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest difference between neighbours along an axis; 0 where there is one node, as values are alike there."""
+    """The largest difference of values (*shape) between neighbours along an axis; 0 where `values` has one node along
+    it, as they are alike there.
+    """
     here, there = grid.edges(values, axis)
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node, or cell, the value `by` on along an axis; `past` beyond a bounded end."""
+    """For each node (or cell) the value at the one that is `by` further along an axis, which may be negative; around a
+    periodic axis, and `past` beyond the end of a bounded one. A new array.
+    """
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
         ends = slice(0, -by) if by < 0 else slice(values.shape[axis] - by, None)
@@ -60,10 +68,10 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 
 
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
-    """The largest value of a level-set function at the corners of a grid, of a window that of the whole grid.
+    """The largest |value| of a level-set function at the corners of a grid; for a window, of the whole grid.
 
     What counts as rounding is relative to it, so that neither the unit nor the cut of the grid makes a difference. 1
-    where they all are 0 or undefined.
+    where all values are 0 or undefined.
     """
     ends = [whole.nodes(axis)[[0, -1]] for whole in [getattr(grid, "whole", grid)] for axis in range(grid.ndim)]
     corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
@@ -71,7 +79,8 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 
 def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
-    """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed.
+    """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed; a new
+    array. size: of the function, by `size_of`.
 
     A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
     distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is therefore
@@ -81,7 +90,9 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     """
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
-    near = [_moved(grid, values, inside, axis, by) for axis, by in steps]  # NaN past an end, which nothing finds
+    near = [
+        _values_beyond(grid, values, inside, axis, by) for axis, by in steps
+    ]  # NaN past an end, which nothing finds
     flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
     at_boundary = flat & np.any([one > 0.0 for one in near], axis=0)
     out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
@@ -93,7 +104,7 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
         np.zeros(np.count_nonzero(at_boundary)),
     )
     for (axis, by), first in zip(steps, near, strict=True):
-        first, second = first[at_boundary], _moved(grid, values, at, axis, 2 * by)
+        first, second = first[at_boundary], _values_beyond(grid, values, at, axis, 2 * by)
         drop, rate = first - level[at_boundary], second - first
         fall = np.where(rate >= drop * (1.0 - 1e-6), np.maximum(rate, drop), (1.0 + STEEP) * drop)
         depth = np.where(first > 0.0, np.minimum(depth, first - fall), depth)
@@ -102,8 +113,8 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     out[at], step[at] = depth, fallen
     rest = tuple(index[flat & ~at_boundary] for index in inside)
     for _ in range(AROUND - 2):  # deeper in by as much again, or differences would wear down what is but a shell
-        falls = np.nan_to_num([_moved(grid, step, rest, *one) for one in steps])
-        there = (_moved(grid, out, rest, *one) for one in steps)
+        falls = np.nan_to_num([_values_beyond(grid, step, rest, *one) for one in steps])
+        there = (_values_beyond(grid, out, rest, *one) for one in steps)
         depths = [np.where(fall > 0.0, one - fall, -np.inf) for one, fall in zip(there, falls, strict=True)]
         found = falls.max(axis=0) > 0.0
         at = tuple(index[found] for index in rest)
@@ -112,15 +123,19 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     return out
 
 
-def _moved(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
-    """Values at the nodes that are `by` nodes further along an axis than some nodes; NaN past a bounded end."""
+def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
+    """Values (K,) of a grid function at the nodes that are `by` nodes further along an axis than the nodes `at`, an
+    index array (K,) for each axis; around periodic axes, NaN past a bounded end.
+    """
     n, moved = grid.shape[axis], at[axis] + by
     found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
     return found if grid.periodic[axis] else np.where((moved >= 0) & (moved < n), found, np.nan)
 
 
 def with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
-    """A window enlarged by `AROUND` nodes on each side, and the index of the original window in its arrays."""
+    """A window enlarged by up to `AROUND` nodes on each side, as far as the whole grid goes, and the index (`np.ix_`)
+    of the original window in its arrays.
+    """
     first, shape, places = [], [], []
     for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
         low, high = begin - AROUND, begin + count + AROUND
@@ -149,7 +164,7 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     ]
     points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
     values = np.asarray(function(points), dtype=np.float64).reshape([len(line) for line in lines])
-    values = values - sum(_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
+    values = values - sum(_largest_change_nearby(values, axis) for axis in range(grid.ndim)) / 2
     for axis, periodic in enumerate(grid.periodic):
         parts = values.shape[axis] - 1
         around = np.clip(np.arange(0, parts + 1, FINE) + np.arange(-FINE, FINE + 1)[:, None], 0, parts)
@@ -160,8 +175,10 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
     return np.where(values == 0.0, -ON_BOUNDARY, values)
 
 
-def _change_nearby(values: FloatArray, axis: int) -> FloatArray:
-    """For each point of a lattice the largest change between neighbours along an axis, both at most one point away."""
+def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
+    """For each point of a lattice, values (*points): the largest |difference| between two neighbours along an axis,
+    both at most one point away from it along every axis; the same shape.
+    """
     change = np.abs(np.diff(values, axis=axis))
     change = np.maximum(
         change.take([0, *range(change.shape[axis])], axis), change.take([*range(change.shape[axis]), -1], axis)

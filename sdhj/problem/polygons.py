@@ -17,7 +17,9 @@ ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts
 
 
 def outline(vertices: Any) -> Any:
-    """A simple polygon of Shapely with vertices (K, 2), counter-clockwise; ValueError where they are of none."""
+    """A simple polygon of Shapely with vertices (K, 2), counter-clockwise, without repeated vertices; ValueError where
+    they have another shape or their edges meet, ImportError without Shapely.
+    """
     try:
         import shapely
     except ImportError as error:
@@ -32,7 +34,9 @@ def outline(vertices: Any) -> Any:
 
 
 def triangles(shape: Any) -> list[FloatArray]:
-    """Corners (K, 2) of a polygon, if it is convex, or of triangles that it consists of, counter-clockwise."""
+    """Corners (K, 2), counter-clockwise, of a polygon of Shapely that is convex, or else of the triangles that it is
+    cut into: a list.
+    """
     import shapely
 
     convex = [shape] if shape.convex_hull.equals(shape) else shapely.constrained_delaunay_triangles(shape).geoms
@@ -47,7 +51,12 @@ def corners_of(shape: Any) -> FloatArray:
 
 
 def convex_parts(shape: Any) -> list[FloatArray]:
-    """Corners (K, 2) of few convex polygons that polygons consist of: triangles, two joined while that is convex."""
+    """Corners (K, 2), counter-clockwise, of a few convex polygons that together are the polygons `shape` of Shapely: a
+    list.
+
+    They are triangles, of which two are joined as long as their hull is no larger than both; parts without an area are
+    left out.
+    """
     import shapely
 
     shapes = [one for one in shapely.get_parts(shape) if one.area]
@@ -65,21 +74,24 @@ def convex_parts(shape: Any) -> list[FloatArray]:
 
 
 def around(shape: Any) -> Any:
-    """What the box around a polygon has besides it, of Shapely."""
+    """The polygon of Shapely that the bounding box of a polygon has besides it: box minus polygon."""
     import shapely
 
     return shapely.difference(shapely.box(*shape.bounds), shape)
 
 
 def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArray, float], FloatArray]:
-    """The signed distance to a polygon, less a robot's radius: see `UnsafeSet.polygon`."""
+    """Level-set function (points (M, 2), t) -> (M,) of a polygon with vertices (K, 2), the same at all t: its signed
+    distance, negative inside, less a robot's radius. See `UnsafeSet.polygon`; ValueError where the vertices go around
+    no simple polygon.
+    """
     shape = outline(vertices)
     corners, parts, radius = corners_of(shape), triangles(shape), number("radius", radius, least=0.0)
     rounding = ROUNDING * np.ptp(corners, axis=0).max()
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
         """Signed distance to the polygon at points (M, 2), less the radius."""
-        along, right, lengths = _beside(points, corners)
+        along, right, lengths = _along_edges(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)
         outside = np.min([_outside(points, part) for part in parts], axis=0)
@@ -88,8 +100,10 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
     return level_set
 
 
-def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How far points (M, 2) are along each edge and to its right, both (M, K), and the edges' lengths (K,)."""
+def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of points (M, 2) and the edges of a polygon with corners (K, 2): how far each point is along each edge from its
+    begin, and to its right, both (M, K), and the edges' lengths (K,).
+    """
     edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     lengths = np.hypot(*edges.T)
     x, y = (edges / lengths[:, None]).T
@@ -97,6 +111,9 @@ def _beside(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """A number (M,) that is <= 0 in a convex polygon only; the box around it tells intervals so at acute corners."""
+    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, corners (K, 2) counter-clockwise, and only
+    there: the greatest distance to the right of an edge or beyond the bounding box, by which bounds over intervals are
+    tighter at acute corners.
+    """
     beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
-    return np.maximum(_beside(points, corners)[1].max(axis=1), beyond.max(axis=1))
+    return np.maximum(_along_edges(points, corners)[1].max(axis=1), beyond.max(axis=1))

@@ -101,10 +101,12 @@ class ReachAvoidProblem(Sampled):
             recipe: Mapping[str, Any] = ...,
             sensing: Sensing = ...,
         ) -> None:
-            """Make a problem."""
+            """Make a problem; the arguments are those of the class."""
 
     def __post_init__(self) -> None:
-        """Read the functions, and check that all parts fit one another: see `sdhj.problem.consistency`."""
+        """Read the functions, and check that all parts fit one another (`sdhj.problem.consistency`); ValueError where
+        they do not.
+        """
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
         object.__setattr__(self, "delta", number("delta", self.delta, above=0.0, most=MOST_DELTA))
@@ -147,7 +149,9 @@ class ReachAvoidProblem(Sampled):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """ValueError where a field is of the wrong type; fills in what may be left out."""
+        """Raise ValueError where a field is of the wrong type, or where there is nothing to do; write a target of None
+        as `ANYWHERE`, the unsafe sets as a tuple and the recipe read-only.
+        """
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
         try:

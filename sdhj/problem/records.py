@@ -167,7 +167,7 @@ def bounds_from_records(
     if problem.dynamics.gain is None:
         raise ValueError("v must enter the velocity linearly: give drift and gain")
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
-    tables = [_table(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
+    tables = [_record(f"records[{i}]", one, 1 + ndim + problem.inputs.shape[1]) for i, one in enumerate(records)]
     if len(tables) < 2:
         raise ValueError(f"two records or more are needed, got {len(tables)}")
     miss = (1 - confidence) / (D + (0 if error is not None else ndim))  # for each bound that is found
@@ -175,13 +175,17 @@ def bounds_from_records(
     joined = [np.hstack([a[:, : 1 + ndim], b[:, 1 + ndim :]]) for a, b in zip(seen, tables, strict=True)]
     pushes, blur, beyond = _pushes(problem, joined, np.zeros(ndim) if better is not None else known)
     peaks, least = _peaks(pushes, [len(one) - 1 for one in tables]), np.maximum((pushes - blur).max(axis=0), 0.0)
-    bounds, exceeding = _above(peaks, miss), chance(len(tables), D, confidence)
+    bounds, exceeding = _upper_bounds(peaks, miss), chance(len(tables), D, confidence)
     names = tuple(problem.grid.names)
     return RecordedBounds(bounds, least, peaks, known, beyond.max(axis=0), exceeding, confidence, names)
 
 
 def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
-    """The largest push of each record, (n, D), of the pushes of all (rows, D), of which each record has so many."""
+    """The largest push of each record, (n, D), at least 0; pushes (rows, D) has the rows of all records, `counts` of
+    them each, one record behind the other.
+
+    ValueError where a component of v is -inf in all rows of a record: nothing told it from the others.
+    """
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
         raise ValueError(
@@ -194,8 +198,8 @@ def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
 def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
     """The most that the probability can be, with a confidence, that another record exceeds the largest of `count`.
 
-    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, where any of m quantities counts; 1 where
-    there are not more records than quantities.
+    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, with n = count and m = quantities, any of
+    which counts; 1 where there are not more records than quantities. ValueError where a number is less than 1.
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
@@ -209,31 +213,46 @@ def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
 def _measured(
     problem: ReachAvoidProblem, tables: list[FloatArray], miss: float, error: Any, rest: Any, better: Any
 ) -> tuple[list[FloatArray], FloatArray]:
-    """The records whose states are nearest the true ones, and the bound on the error of `tables`, (ndim,)."""
+    """The records, (T, 1 + ndim or more) each, whose states are nearest the true ones, and the bound on the error of
+    the measurements in `tables`, (ndim,).
+
+    The states are those of `better` where it is given, else of `tables`. The error is that of tables against `better`,
+    half of what the record `rest` ranges over, or `error` as given; each bound that is found is exceeded with
+    probability `miss`. ValueError where `better` or `rest` does not fit.
+    """
     ndim = problem.grid.ndim
     if better is not None:
-        seen = [_table(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
+        seen = [_record(f"better[{i}]", one, 1 + ndim, wider=True) for i, one in enumerate(better)]
         if [len(one) for one in seen] != [len(one) for one in tables]:
             raise ValueError("better must have a record for each of records, with as many rows")
         pairs = zip(tables, seen, strict=True)
         misses = [np.abs(_difference(problem, a[:, 1 : 1 + ndim], b[:, 1 : 1 + ndim])).max(axis=0) for a, b in pairs]
-        return seen, _above(np.array(misses), miss)
+        return seen, _upper_bounds(np.array(misses), miss)
     if rest is not None:
-        still = _table("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
+        still = _record("rest", rest, 1 + ndim, wider=True)[:, 1 : 1 + ndim]
         off = _difference(problem, still, still[:1])
-        return tables, (_above(off, miss / 2) + _above(-off, miss / 2)) / 2
+        return tables, (_upper_bounds(off, miss / 2) + _upper_bounds(-off, miss / 2)) / 2
     return tables, np.zeros(ndim) + np.array(Sensing(error).error)
 
 
-def _above(values: FloatArray, miss: float) -> FloatArray:
-    """For n values of some quantities (n, m): what their bounds exceed with probability `miss` each, (m,)."""
+def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
+    """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from the n values (n, m) that were
+    recorded.
+
+    x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... and k = min(LARGEST, n).
+    """
     ordered = np.sort(values, axis=0)
     k = min(LARGEST, len(values))
     return np.asarray(ordered[-1] + (ordered[-1] - ordered[-k]) * (miss ** (-1 / (k - 1)) - 1))
 
 
-def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
-    """A record as an array whose times increase; of a file, its numbers."""
+def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
+    """A record, an array or the path of a CSV file with a line of names, as float64 (T, columns), or with `wider` of
+    more columns.
+
+    ValueError, with `name` or the path, where it has fewer than two rows, another number of columns, or times (column
+    0) that do not increase.
+    """
     if isinstance(given, str | os.PathLike):
         given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
     table = finite_array(name, given)
@@ -247,7 +266,7 @@ def _table(name: str, given: Any, columns: int, wider: bool = False) -> FloatArr
 
 
 def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
-    """one - other, on periodic axes the short way round."""
+    """one - other of states (M, ndim), on periodic axes the short way round."""
     grid, off = problem.grid, one - other
     turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
     return off - np.where(grid.periodic, turn, 0.0) * np.round(off / turn)
@@ -256,8 +275,13 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For samples of all records: |v| (T, D), -inf where nothing tells a component from the others; how much of it the
-    errors of measurement may be, (T, D); and what no push explains, (T, ndim)."""
+    """For the T samples of all records, (T_i, 1 + ndim + m) each, that are measured to within `error` (ndim,): |v|, how
+    much of it the errors may be, both (T, D), and by how much a state is where no push can bring it, (T, ndim).
+
+    v solves y_{i+1} = flow(y_i, u_i, v; dt) by `CORRECTIONS` steps of Newton's method with the pseudoinverse B^+ of the
+    gain; |v| is -inf where the gain does not tell a component from the others. The errors may be |B^+| (e + w(dt)) /
+    dt. What is below `INTEGRATED` of an axis counts as 0.
+    """
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
     times, states, spans = before[:, 0], before[:, 1 : 1 + ndim], after[:, :1] - before[:, :1]
@@ -283,7 +307,9 @@ def _pushes(
 
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
-    """Which of the problem's inputs was given, (T,)."""
+    """The index of the problem's input that equals each recorded one, (T, m) -> (T,); ValueError where one is off all
+    of them by more than `SAME_INPUT` of the largest.
+    """
     distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
         raise ValueError(
@@ -296,13 +322,16 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) in time spans (M, 1) under constant v (M, D), wherever the walls are.
+    """Where the model leads from states (M, ndim) at time t under inputs (M,), indices, and constant v (M, D), within
+    spans (M, 1) s: (M, ndim), by `STRIDES` Runge-Kutta steps of order 4, walls ignored.
 
     Where the velocity depends on time, M is 1.
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:
-        """The velocity at states q some share of a step later, under inputs and disturbances."""
+        """The velocity at states q, `after` (a number) Runge-Kutta steps behind t, under the inputs and v: (M,
+        ndim).
+        """
         now = t + after * float(h[0, 0])
         pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)
         return interval.undisturbed(q, inputs, now) + pushed

@@ -19,7 +19,9 @@ from sdhj.problem.statement import LAYOUT
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
-    """The tables that formulas look up, in the order of their numbers."""
+    """The tables that formulas look up, the arrays "tables/0", "tables/1", ... of a file, in this order; made read-only
+    in place, so that formulas share them.
+    """
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
     for values in found.values():
         values.setflags(write=False)  # so that formulas share them (`Lookup.of`)
@@ -27,7 +29,12 @@ def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
 
 
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
-    """The problem that a head describes; ValueError if it has black boxes, or is not one that `described` writes."""
+    """The problem that the head of a file describes; ValueError if it has black boxes, another format, or is not one
+    that `described` writes.
+
+    head : with grid and sensing as objects and inputs as an array, see `sdhj.table.files`. tables : that its formulas
+        look up.
+    """
     formulas = head["formulas"]
     if formulas["format"] != FORMAT:
         raise ValueError(f"its formulas have format {formulas['format']}, and this version reads {FORMAT}")
@@ -53,14 +60,16 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The entries of a head's sets, by the names of their formulas."""
+    """The entries of a head's sets, by the names of their formulas: "target", "unsafe 0", "unsafe 1", ..."""
     unsafe = [one for one in head["sets"] if one["kind"] != "target"]
     target = [one for one in head["sets"] if one["kind"] == "target"]
     return dict(zip(["target"], target, strict=False)) | {f"unsafe {i}": one for i, one in enumerate(unsafe)}
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """The formulas of a head, by name; ValueError where one is not one of what its name says."""
+    """The formulas of a head, by name; ValueError where one has other coordinates, parameters or results than its name
+    says, or cannot be read.
+    """
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
     expected: dict[str, Any] = {"drift": (ndim, 1, (count, ndim)), "velocity": (ndim, 1 + components, (count, ndim))}
@@ -78,10 +87,11 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
-    """How a problem differs from what a file describes, by more than the rounding of another machine; "" if not at all.
+    """In words, how a problem differs from what a file describes, by more than the rounding of another machine; "" if
+    not at all.
 
     Structures of formulas and all names must be equal, constants agree to 1e-12 of them (`sdhj.formulas.text.alike`),
-    inputs and values of black boxes to 1e-12 of the largest.
+    inputs and values of black boxes, which are called for them, to 1e-12 of the largest.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].told, problem.sensing.told
@@ -108,6 +118,6 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
 
 
 def near(one: FloatArray, other: FloatArray) -> bool:
-    """Whether arrays agree to `CLOSE` of the largest number of their column."""
+    """Whether two arrays have one shape and agree to `CLOSE` of the largest number of `other` in their column."""
     most = np.abs(other).max(axis=0, initial=0.0)
     return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())

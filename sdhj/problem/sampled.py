@@ -23,7 +23,9 @@ PADDING = 4  # nodes past a safe end on the grid of the games: the widest stenci
 
 @dataclass(frozen=True)
 class Sampled(Statement):
-    """A problem whose functions are sampled: at the nodes of its grid, of a window of it, or of the games' grid."""
+    """A problem whose functions are sampled: at the nodes of its grid, of a window of it (`on`), or of the games'
+    grid (`padded`); and asked at any state, without interpolation.
+    """
 
     @cached_property
     def padded(self) -> Self:
@@ -37,7 +39,9 @@ class Sampled(Statement):
         wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
-            """The set continued past safe ends with its values at the ends."""
+            """The set continued past safe ends: beyond one, its level-set function and `swept` have their values at the
+            end.
+            """
             ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
                 unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
@@ -47,26 +51,37 @@ class Sampled(Statement):
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
     def on(self, grid: Grid) -> "Sampled":
-        """The problem on a window of its grid; properties of the whole grid keep their values."""
+        """The problem on a window of its grid, without new checks; itself for its own grid. Half-widths, error growth
+        and speeds stay those of the whole grid.
+        """
         if grid is self.grid:
             return self
         known = {one.name: getattr(self, one.name) for one in fields(Statement) if one.init}
         return OnWindow(**known | {"grid": grid}, whole=self)
 
     def pieces(self) -> "Iterator[Sampled]":
-        """The problem on windows small enough to sample functions on: see `Grid.pieces`."""
+        """Yield the problem on each of `Grid.pieces`, windows small enough to sample functions on."""
         return map(self.on, self.grid.pieces())
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        """Values of a function of some axes at the nodes of their subgrid, float64, checked to be finite."""
+        """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of some axes, float64;
+        ValueError, with the set's `name`, where one is not finite or out of range (`sampled_on`).
+        """
         return sampled_on(self.grid.subgrid(axes), function, name)
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
-        """g of one unsafe set at time t, on the subgrid of its axes; a static set is sampled once."""
+        """g of one unsafe set at time t at the nodes of its axes, made `closed`; read-only. A set that does not move is
+        sampled once.
+        """
         return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
 
     def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
-        """Samples of a set. A static formula is sampled once for all problems that have it; a black box may change."""
+        """The samples of a set, read-only: what `sample()` returns, called once for a set that does not move, and each
+        time for one that does.
+
+        Those of a formula are kept with it, for as long as some problem holds them, for all problems that have it on
+        the same grid; those of a black box with this problem.
+        """
         if part.moving:
             return read_only(sample())
         level_set, how = part.level_set, (getattr(part, "sampling", ""), self.grid.subgrid(part.axes))
@@ -78,13 +93,15 @@ class Sampled(Statement):
         return self._static[level_set, *how]
 
     def forget_samples(self) -> None:
-        """Let go of what has been sampled."""
+        """Let go of the samples of static sets that this problem keeps."""
         self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
-        """g of one unsafe set over [t0, t1], on the subgrid of its axes, or of `axes`, which include them."""
+        """g of one unsafe set over [t0, t1] (`UnsafeSet.over`) at the nodes of its axes, or broadcast to those of
+        `axes`, which include them. view_time : by default the problem's.
+        """
         axes, view_time = tuple(axes) or unsafe_set.axes, view_time or self.view_time
         swept = partial(unsafe_set.over, t0=t0, t1=t1, view_time=view_time)
         values = self._sampled(unsafe_set, swept) if unsafe_set.moving else self.unsafe_at(unsafe_set, t0)
@@ -92,7 +109,9 @@ class Sampled(Statement):
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in unsafe_set.axes]), grid.shape)
 
     def _sampled(self, unsafe_set: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """An unsafe set's function at the nodes, made `closed`, according to its `sampling`."""
+        """An unsafe set's function of points at the nodes of its axes, made `closed`, according to its `sampling`: as
+        it is; times `STEEP` inside; or the lower bound over the cells around.
+        """
         grid, size = self.grid.subgrid(unsafe_set.axes), size_of(self.grid.subgrid(unsafe_set.axes), function)
         if unsafe_set.sampling == "cell":
             whole = grid.whole if isinstance(grid, Window) else grid
@@ -144,7 +163,9 @@ class Sampled(Statement):
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:
-        """Level-set function of the target, in a shape that broadcasts to the grid's; -inf where there is none."""
+        """Level-set function of the target at time t at the nodes, in a shape that broadcasts to the grid's; -inf
+        where there is none. On small grids a static one is sampled once.
+        """
         grid, target = self.grid, self.target
         if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)
@@ -157,7 +178,9 @@ class Sampled(Statement):
         return grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of one set at states (M, ndim), periodic axes wrapped, without interpolation: (M,)."""
+        """Level-set function of one set at states (M, ndim), periodic axes wrapped, and time t, without interpolation:
+        (M,).
+        """
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
     def target_value(self, points: FloatArray, t: float) -> FloatArray:
@@ -225,7 +248,9 @@ class Sampled(Statement):
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
-        """The `unsafe_value` of points (M, T, ndim), column i at times[i], times ascending: (M, T)."""
+        """The level-set function of G without interpolation at points (M, T, ndim), column i at times[i], times
+        ascending: (M, T). inputs as for `unsafe_value`: sets that are not unsafe under a row's input have +inf there.
+        """
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
         firsts = [0, *(i for i in range(1, len(times)) if times[i] != times[i - 1]), len(times)]
@@ -238,9 +263,10 @@ class Sampled(Statement):
         return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are in no tube (step, within), whatever was computed: bool (M,).
+        """Whether points (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
 
-        They are in G, or within = 0 and they are not in the target, by the level-set functions without interpolation.
+        They are in G at that step; or within = 0, there is a target, and they are not in it. By the level-set functions
+        without interpolation.
         """
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
@@ -249,22 +275,26 @@ class Sampled(Statement):
 
 @dataclass(frozen=True)
 class OnWindow(Sampled):
-    """A problem on a window of its grid; its functions have been checked, on all of it."""
+    """A problem on a window of its grid. It is not checked when made: its functions have been, on the `whole`
+    problem.
+    """
 
     whole: Sampled = field(kw_only=True)
 
     @property
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Those of the whole problem."""
+        """`Statement.half_widths` of the whole problem."""
         return self.whole.half_widths
 
     @property
     def error_growth(self) -> FloatArray:
-        """That of the whole problem."""
+        """`Statement.error_growth` of the whole problem."""
         return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
-        """The interval from step k, restricted to the window where velocities depend on the state."""
+        """The interval from step k on the window; where velocities depend on the state and not on time, its `speeds`
+        are those of the whole grid.
+        """
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)
         if 0 not in self._intervals:

@@ -113,14 +113,20 @@ class Sensing:
 
     @property
     def remembers(self) -> bool:
-        """Whether a table is for a controller that remembers: it may, and there is something to remember."""
+        """Whether the controller remembers: `memory`, and there is an error, delay or jitter, so that there is
+        something to remember.
+        """
         return self.memory and bool(self)
 
     @property
     def told(self) -> dict[str, Any]:
-        """As it stands in a file; `memory` only where it is so."""
+        """The fields by name, as they stand in the head of a file: `memory` only where it is True, and nothing at all
+        where there is no error, delay or jitter.
+        """
         return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
-        """The longest time for which an input may be held, s, and how much shorter it may be, s."""
+        """The longest time for which an input may be held, delta + 2 jitter, and by how much it may be shorter, 4
+        jitter; s.
+        """
         return delta + 2 * self.jitter, 4 * self.jitter

@@ -91,7 +91,9 @@ class UnsafeSet:
     inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Read the level-set function, and `swept`; ValueError where one does not fit."""
+        """Check the arguments and read the level-set function, and `swept`, as formulas; ValueError where one does not
+        fit.
+        """
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         if self.inputs is not None:
@@ -337,7 +339,9 @@ class UnsafeSet:
 
     @classmethod
     def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
-        """What the parts of a body touch."""
+        """The set of states in which the robot (`footprint`, by default a point) meets some `parts` of a body, or of
+        what is outside of it: its level-set function is their signed distance.
+        """
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
         return cls(own, body_level_set(robot, parts, body), name=name)
@@ -348,15 +352,20 @@ class UnsafeSet:
         return bool(self.level_set.timed)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under inputs (M,), given by their numbers; None: whatever is applied."""
+        """Whether the set is unsafe under each input of `inputs`, numbers, in their shape; None, whatever is applied:
+        whether it is so under all inputs, ().
+        """
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
         return np.isin(inputs, self.inputs)
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
-        """Values (M,) of one static level-set function for the whole interval [t0, t1] (Sec. 5.4 and 6.2.1).
+        """Values (M,) at points (M, len(axes)) of one static level-set function for the whole interval [t0, t1] (Sec.
+        5.4 and 6.2.1).
 
-        With "swept" its set contains this one at every time; with "sampled" it is the union of 20 samples only.
+        With view_time "swept" its set contains this one at every time: `swept`, or a lower bound over each piece of
+        time; with "sampled" it is the union of 20 samples only. ValueError where a black box does not declare how fast
+        it changes.
         """
         if not self.moving:
             return self.level_set(points, t0)
@@ -370,7 +379,7 @@ class UnsafeSet:
 
 
 class Solved(Protocol):
-    """A table, as the target of another problem sees it."""
+    """A table, as the target of another problem sees it: its problem and grid, and its tubes as level-set functions."""
 
     @property
     def grid(self) -> Grid:
@@ -379,7 +388,9 @@ class Solved(Protocol):
     problem: Any
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points, t) of a tube, within so many steps or all that are left."""
+        """Level-set function (points (M, ndim), t) -> (M,) of the tube from the step at time t, within so many steps,
+        or all that are left.
+        """
 
 
 @dataclass(frozen=True)
@@ -417,7 +428,7 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        """Read the level-set function; ValueError where it does not fit."""
+        """Check the axes and read the level-set function as a formula; ValueError where one does not fit."""
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
@@ -477,7 +488,9 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
-    """The numbers of inputs, ascending; ValueError where they are not some whole numbers, each once."""
+    """The numbers of inputs that were given for the set `name`, ascending; ValueError where they are not one or more
+    whole numbers >= 0, each once.
+    """
     found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
     numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
     if not numbers or len(numbers) != len(set(numbers)):
@@ -488,7 +501,7 @@ def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
-    """Two axes of the grid; ValueError otherwise."""
+    """The two axes that were given for x and y of the set `name`; ValueError where they are not two whole numbers."""
     if len(pair := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return pair

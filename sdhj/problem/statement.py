@@ -25,7 +25,9 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 
 @dataclass(frozen=True)
 class Statement(Remembering):
-    """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them."""
+    """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them; nothing is
+    checked here.
+    """
 
     grid: Grid
     dynamics: VectorField
@@ -42,7 +44,7 @@ class Statement(Remembering):
 
     @property
     def most_steps(self) -> int:
-        """N, or the most steps that are solved for a problem without a number of steps."""
+        """N; for a problem without a number of steps `FOREVER`, the most that are solved."""
         return self.steps or FOREVER
 
     @property
@@ -52,7 +54,7 @@ class Statement(Remembering):
 
     @property
     def all_sets(self) -> tuple[TargetSet | UnsafeSet, ...]:
-        """The target, where there is one, and the unsafe sets."""
+        """The target, where there is one, and then the unsafe sets."""
         return *(() if self.has_no_target else (self.target,)), *self.unsafe
 
     @property
@@ -78,15 +80,19 @@ class Statement(Remembering):
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
-        """Earliest start and latest end of the input of step k, s, including jitter."""
+        """Earliest begin and latest end of the time in which the input of step k is held, s: `time(k)` less the jitter,
+        `time(k + 1)` plus it.
+        """
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
-        """Half-widths of E, and by how much reachable boxes are widened to hold the next prediction; both (ndim,).
+        """Half-widths of E, the box around a prediction that holds the state, and by how much reachable boxes are
+        widened to hold the next prediction; both (ndim,).
 
-        E is the solution w of dw/dt = A w + b with w(0) = error, a delay later (`growth_bound`). With memory, boxes
-        are widened to hold the next point that is carried on: by the growth of E, less what the push b does alone.
+        E is the solution w of dw/dt = A w + b with w(0) = error, a delay later (`growth_bound`). With memory, boxes are
+        widened to hold the next point that is carried on: by the growth of E, less what the push b does alone. Both 0
+        without a `Sensing`; ValueError where black boxes declare too little for A and b.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
@@ -99,7 +105,12 @@ class Statement(Remembering):
 
     @kept
     def error_growth(self) -> FloatArray:
-        """By how much more than E a state of c +- E is off where c alone is led, an interval later: (ndim,)."""
+        """By how much the error of a point grows in an interval, (ndim,): w(interval) - E, where dw/dt = A w + b and
+        w(0) = E.
+
+        The state, within E of a point c, is within E and that of where c is led under the same input, without a
+        disturbance.
+        """
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
             slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay
@@ -107,7 +118,9 @@ class Statement(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k to k + 1; one object for all steps if the dynamics do not depend on time."""
+        """The motion from step k to k + 1; one object for all steps if the dynamics do not depend on time. Made once
+        and kept.
+        """
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
             lasts = self.sensing.hold(self.delta)
@@ -115,11 +128,14 @@ class Statement(Remembering):
         return self._intervals[step]
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
-        """Whether the avoid tubes of an unsafe set differ from step to step."""
+        """Whether the avoid tubes of an unsafe set differ from step to step: it moves, or the dynamics depend on
+        time.
+        """
         return unsafe_set.moving or self.dynamics.timed
 
     def avoid_axes(self, unsafe_set: UnsafeSet) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set is solved: the set's, and those their velocities depend on.
+        """The axes on which the avoid game of an unsafe set is solved, ascending: the set's, and those their velocities
+        depend on.
 
         Also those with safe ends, because a state that has left through one can no longer collide.
         """
@@ -133,21 +149,25 @@ class Statement(Remembering):
 
     @property
     def opaque(self) -> dict[str, str]:
-        """Of each function that is a black box its name, and what its author declares of it."""
+        """Of each function that is a black box, by its name in `functions`, a phrase: what its author declares of
+        it.
+        """
         boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
         fields = ("reads", "slope", "rate", "enclosure")
         known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
         return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
-        """The black box of that name."""
+        """The black box of that name in `functions`; AssertionError if that is a formula."""
         found = self.functions[name]
         assert isinstance(found, BlackBox)
         return found
 
     @property
     def functions(self) -> "dict[str, Formula | BlackBox]":
-        """All functions of the problem, by the names that files give them."""
+        """All functions of the problem, by the names that files give them: "drift" and "gain", or "velocity"; "bounds",
+        "target", "unsafe 0", "swept 0", ...
+        """
         dynamics = self.dynamics
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
         named |= {"bounds": dynamics.bounds, "target": None if self.has_no_target else self.target.level_set}
@@ -157,14 +177,18 @@ class Statement(Remembering):
 
     @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
-        """The formulas as lines, by name, and the tables that they look up."""
+        """The formulas as lines of text, by their names in `functions`, and a list of the tables that they look up, to
+        whose places the lines refer.
+        """
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
         return found, tables
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Everything that a table depends on beside functions, as it stands in the head of a file."""
+        """Everything that a table depends on beside functions, plain numbers, lists and text, as it stands in the
+        head of a file: delta, steps, view_time, grid, inputs, sensing and sets.
+        """
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})

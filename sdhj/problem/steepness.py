@@ -21,13 +21,15 @@ SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis
 
 
 def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A (ndim, ndim), b (ndim,) and jumps (ndim,), for all states on the grid, all inputs, and times up to `end`.
+    """A (ndim, ndim), b (ndim,) and jumps (ndim,): how fast two states under one input may drift apart, |dq1/dt -
+    dq2/dt| <= A |q1 - q2| + b + jumps, for all states on the grid, all inputs, and times up to `end`, s.
 
-    Velocities that may jump or be infinitely steep anywhere have zeros in A and b. Differences between nodes would take
-    a jump J for a slope J / h, and so velocities at both sides of it, w < h apart, to differ by J w / h only: less than
-    they do. These are taken at their worst instead: anything between their least and their greatest, which `jumps` says
-    and adds to b. That is never too little; where it is too much, nothing is left of the target, and that is said.
-    ValueError where a black box does not declare enough, or a velocity may be undefined.
+    A_ik bounds |d velocity_i / d q_k|, b the most that the disturbance adds. A velocity that may jump or be infinitely
+    steep anywhere has zeros in A and b. Differences between nodes would take a jump J for a slope J / h, and so
+    velocities at both sides of it, w < h apart, to differ by J w / h only: less than they do. Instead `jumps` is what
+    there is between its least and its greatest value, to be added to b. That is never too little; where it is too much,
+    nothing is left of the target, and that is said. delta: length of the intervals in which black boxes are asked for
+    their bounds. ValueError where a black box does not declare enough, or a velocity may be undefined.
     """
     ndim, D = grid.ndim, dynamics.adversaries
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
@@ -57,7 +59,9 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
 
 
 def _velocities(dynamics: VectorField) -> list[list[Node]]:
-    """Velocities under each input, without black boxes, as nodes of the state, t and v / bounds, in one row."""
+    """The velocity along each axis under each input, [input][axis], as nodes of expression graphs whose coordinates are
+    the state, t and v / bounds, in one row; drift and gain that are black boxes count as 0.
+    """
     ndim, D, out = dynamics.ndim, dynamics.adversaries, []
     for j in range(len(dynamics.inputs)):
         known = {leaf("p", 0): leaf("x", ndim)}
@@ -72,7 +76,9 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
 
 def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
-    """Boxes (M, n) that cover a box, cut along the coordinates that are read, (n,) bool."""
+    """Lower and upper corners, both (M, n), of equal boxes that together are [low, high], (n,) each: about
+    `BEGINNING_BOXES` of them, cut along the coordinates that are read, (n,) bool, alone.
+    """
     count = int(BEGINNING_BOXES ** (1 / max(reads.sum(), 1)) + 1e-9)
     edges = np.linspace(low, high, count + 1)
     first, columns = np.indices(np.where(reads, count, 1).tolist()).reshape(len(low), -1).T, np.arange(len(low))
@@ -80,12 +86,18 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
 
 
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
-    """Bound on the magnitudes of nodes over a box; inf where one may be undefined."""
+    """An upper bound on |node| for all of some nodes, over the box [low, high] of their coordinates; inf where one may
+    be undefined.
+    """
     return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high], by intervals on smaller and smaller boxes."""
+    """An upper bound on |node| over the box [low, high] of its coordinates, (n,) each; inf where it may be undefined.
+
+    By intervals: the boxes with the greatest bounds are halved until the bound is within `SETTLED_WITHIN` of a value
+    that is taken, or `ROUNDS_OF_HALVING` times.
+    """
     if one.op == "const":
         return abs(float(one.value))
     formula = Formula((one,), len(low))
@@ -109,13 +121,17 @@ def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
 
 
 def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
-    """A bound on the magnitude in each box (M,), and a magnitude that is reached in one of them."""
+    """Of a formula of one result: a bound on its magnitude in each box (M, n), (M,), and the largest magnitude that it
+    surely has in one of them.
+    """
     least, most = formula.bounds(low, high, (0.0, 0.0))
     return np.maximum(-least, most), float(np.maximum(least, -most).max(initial=0.0))
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether velocities at both ends of a periodic axis differ, at a point of each box of a search."""
+    """Whether some of the velocities, nodes of (state, t, v / bounds), have other values at the lower than at the upper
+    end of a periodic axis, by more than `SAME`; at one point of each of the `_boxes` of [low, high].
+    """
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
         if sides[0] is sides[1]:
@@ -130,7 +146,9 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 
 
 def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """The terms of A and b that black boxes add, from what is declared of them."""
+    """What black boxes add to A (ndim, ndim) and b (ndim,) of `rates`, by their declared slopes and bounds; zeros
+    without black boxes. ValueError where one has no slope.
+    """
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
     opaque = {name: part for name in ("drift", "gain") if isinstance(part := getattr(dynamics, name), BlackBox)}
@@ -152,7 +170,9 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
 
 
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """Solution w(duration) of dw/dt = slope w + push, w(0) = box, (ndim,), by a series without negative terms."""
+    """w(duration) of dw/dt = slope w + push, w(0) = box: (ndim,). slope (ndim, ndim), push and box >= 0, so the
+    exponential series of `TERMS` terms has no negative one.
+    """
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])
     rate[:ndim, :ndim], rate[:ndim, ndim] = slope, push

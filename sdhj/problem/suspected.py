@@ -19,14 +19,18 @@ ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Find what is unusual in a problem, with what to do if it was not meant."""
+    """Yield findings of what is unusual in a problem, with what to do if it was not meant: a target that may have the
+    wrong sign, and on each axis what may be an angle's wrong ends or unit. Nothing is warned of here.
+    """
     yield from _turned_target(problem)
     for axis in range(problem.grid.ndim):
         yield from _angle(problem, axis)
 
 
 def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """A target that is all but a bounded region: the sign of its level-set function may be turned."""
+    """Yield a finding where the target has more than half of the grid's volume, not all of it, and every end of a
+    bounded axis: then the sign of its level-set function may be turned. On at most about `SMALL` nodes.
+    """
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
         return
@@ -44,7 +48,10 @@ def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
 
 
 def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
-    """An axis whose functions are those of an angle, but not its ends, its unit or its rates."""
+    """Yield findings of an axis after a whole turn of which, 2 pi or 360, all functions repeat: one that is many turns
+    of 2 pi long; one that is a turn long and has ends though neither `periodic` nor `ends` was given; and one along
+    which an input moves by more than a turn in an interval.
+    """
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
     if length > MOST_TURNS * TURNS["radians"] and _repeats(problem, axis, TURNS["radians"]):
@@ -73,16 +80,20 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
 
 
 def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
-    """The greatest speed along an axis at some states."""
+    """The greatest speed along an axis at `_states`, under any input, the adversary at the upper vertex of its box; in
+    the axis's unit per second.
+    """
     states = _states(problem)
     found = [np.abs(function(states)[:, axis]).max() for function in _velocities(problem)]
     return float(np.max(found))
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
-    """Whether all functions that depend on an axis are the same a turn on, and some function does depend on it.
+    """Whether all functions that read an axis have the same values, to `ALIKE`, a turn further on, and some function
+    does change along the axis; judged at `_states`.
 
-    Of a black box nothing is known off the grid.
+    False where a function is undefined a turn on, and for problems with black boxes, of which nothing is known off the
+    grid.
     """
     if problem.opaque:
         return False
@@ -103,13 +114,15 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
 
 
 def _states(problem: ReachAvoidProblem) -> FloatArray:
-    """Random states on the grid, (TRIED_STATES, ndim)."""
+    """The same random states on the grid each time, (TRIED_STATES, ndim)."""
     grid = problem.grid
     return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """The velocities under all inputs, and the level-set functions of sets on an axis, each of states (M, ndim)."""
+    """Yield the `_velocities`, and the level-set functions of the sets that have this axis: each of states (M, ndim),
+    with values (M, ndim) or (M,).
+    """
     yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
@@ -117,12 +130,16 @@ def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[Floa
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Under each input, and the adversary at a vertex of its box: (M, ndim) of states (M, ndim)."""
+    """Yield the velocity at the first step under each input, v being the upper vertex of its box: functions of states
+    (M, ndim) -> (M, ndim), per second.
+    """
     t, dynamics = problem.time(0), problem.dynamics
     for j in range(len(problem.inputs)):
         yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
 
 
 def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
-    """Level-set values of a set at states (M, ndim) at the first step."""
+    """Level-set values (M,) of a set at states (M, ndim) at the first step; the states are not wrapped into the
+    grid.
+    """
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid

@@ -10,7 +10,12 @@ from sdhj.problem.statement import Statement
 
 
 def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """Level-set function of the points around which the whole box E is in {values <= 0}, on the grid of some axes."""
+    """Erode a set by the box E: level-set function of the points around which the whole box x +- E is in {values <= 0},
+    and is not past an unsafe end.
+
+    out(x) = max of `values` over x +- E, by linear interpolation, and of how far x +- E reaches past unsafe ends.
+    values (*shape) are on the grid of some axes, by default all; a copy, but `values` themselves where E is 0.
+    """
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
     if not box.any():
@@ -24,9 +29,11 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
 
 
 def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
-    """Level-set function of the points that an interval has to lead to so that what follows is in {values <= 0}.
+    """Level-set function (*shape) of the set into which an interval has to lead so that all that the controller may
+    then believe is in {values <= 0}.
 
-    That are all predictions, E around; with memory all points that may be carried on, which E alone spreads.
+    Without memory these are the predictions within E: `shrunk`. With memory they are the points that may be carried on:
+    the maximum of `values` over the growth of the error, `half_widths[1]`.
     """
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:

@@ -113,7 +113,12 @@ def first_moment(
     rng: np.random.Generator,
     left: FloatArray | None = None,
 ) -> Moment:
-    """An interval's first moment; `left` (M,), the steps to go at its end, is by default one fewer than `to_go`."""
+    """The moment at which an interval of M runs begins.
+
+    states (M, ndim); inputs (M,), held over the interval; to_go (M,), the steps to go by which they were chosen; now :
+    the time, s, which may be other than t_step; runs (M,) : numbers of the runs. left (M,) : the steps to go of the
+    tube that has to hold the end; by default one fewer than `to_go` or, without a target, all that are left.
+    """
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
     times = now, problem.delta, problem.delta / SUBSTEPS  # now, until the end of the interval, and of a substep
@@ -134,10 +139,11 @@ def random(moment: Moment) -> FloatArray:
 
 
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
-    """The level-set function g of an unsafe set at `states`, and its change by each component of v; all (M,).
+    """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set at states (M, ndim) and time t,
+    and by how much each component of v, set to its bound, changes it.
 
-    g is infinite under inputs under which the set is not unsafe.
-    push (M, ndim, D) is where each component of v, set to its bound, moves the states, one at a time.
+    g is infinite under inputs under which the set is not unsafe. push (M, ndim, D) : by how much each component moves
+    the states, one at a time.
     """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
@@ -183,10 +189,10 @@ def worst(moment: Moment) -> FloatArray:
 
 
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
-    """How far states (M, ndim) under inputs (M,) are from what they must not touch, (M,): unsafe sets by their level,
-    unsafe ends.
+    """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,).
 
-    +inf past a safe end, where nothing matters any longer.
+    At states (M, ndim) and time t, of the sets that are unsafe under inputs (M,). +inf past a safe end, where nothing
+    matters any longer.
     """
     grid = problem.grid
     low, high = grid.faces("fails")
@@ -216,9 +222,9 @@ def greedy(moment: Moment) -> FloatArray:
 
 
 def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> FloatArray:
-    """The inputs (M,) of a commander who drives at what must not be touched: that which comes nearest to it.
+    """For each state (M, ndim) the input, by index, that comes nearest to what must not be touched: (M,) int.
 
-    Each is held for five intervals, without a disturbance.
+    Each is held for five intervals from a step on, without a disturbance; so a commander drives who tests the filter.
     """
     count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
     held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
@@ -231,7 +237,7 @@ def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> Float
 
 
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
-    """value +- each of D changes of its shape, in all combinations: (2^D, ...)."""
+    """value +- each of D changes of its shape, in all combinations: (2^D, *value.shape), the first all minus."""
     out = value[None]
     for change in changes:
         out = np.stack([out - change, out + change], axis=1).reshape(-1, *value.shape)
@@ -243,7 +249,7 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Sight:
-    """An adversary's view before it chooses the measurement errors of M runs."""
+    """An adversary's view before it chooses the measurement errors of M runs, between -box and box."""
 
     problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
     states: FloatArray  # (M, ndim), the current state of each run
@@ -258,14 +264,21 @@ class Sight:
 
 
 def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
-    """Where states may be a time span (M,) later, at each vertex of the disturbance box: (vertices, M, ndim)."""
+    """Where states (M, ndim) are after time spans (M,), s, at each vertex of the disturbance box: (2^D, M, ndim).
+
+    To first order: with the velocities at time t under inputs (M,), `seen` giving problem and step.
+    """
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
     return at_vertices(states + span[:, None] * interval.undisturbed(states, inputs, t), np.moveaxis(push, 2, 0))
 
 
 def mislead_worst(sight: Sight) -> FloatArray:
-    """The measurement error, a vertex of the box or 0, for which the controller's input is worst for the true state."""
+    """The measurement errors (M, ndim), each 0 or a vertex of the box, for which the input chosen is worst.
+
+    Worst is no input at all, or that under which the tube's value at the interval's end, at the worst vertex of the
+    disturbance box, is largest.
+    """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
     best, worst = np.zeros_like(sight.states), np.full(count, -np.inf)
@@ -281,7 +294,10 @@ def mislead_worst(sight: Sight) -> FloatArray:
 
 
 def shift_worst(moment: Moment) -> FloatArray:
-    """The end of the interval, of the three, at which the adversary can push the state farthest out of its tube."""
+    """-1, 0 or 1 for each run, (M,): the end of the interval, early, on time or late, that is worst for the robot.
+
+    There the tube's value, at the worst vertex of the disturbance box, is largest.
+    """
     scores = []
     for late in (-1, 0, 1):
         span = np.full(len(moment.states), moment.remaining + late * moment.problem.sensing.jitter)

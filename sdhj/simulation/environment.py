@@ -71,7 +71,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Spaces for a table's states and inputs."""
+        """Spaces of a table's states, with the step, and of its inputs; no run has begun yet."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
@@ -82,7 +82,10 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[FloatArray, dict[str, Any]]:
-        """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target."""
+        """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target.
+
+        Returns the observation and `info`. ValueError if the state does not fit or no state can be drawn.
+        """
         super().reset(seed=seed)
         problem = self.table.problem
         if options and "state" in options:
@@ -91,14 +94,16 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
             drawn = admissible_states(self.controller, DRAWN, self.np_random)
             state = drawn[int(np.argmax(problem.target_value(drawn, 0.0) > 0))]
         sensing = problem.sensing
-        self.runs = Runs(self.controller, state[None], self.play, self.np_random, sensing, None, ever=False, led=False)
+        given = self.controller, state[None], self.play, self.np_random, sensing, None
+        self.runs = Runs(*given, ever=False, controlled=False)
         self.now, self.outcome = 0, ""
         return self._observed(), self._info()
 
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Simulate one interval with the input of index `action` against the adversary.
 
-        ValueError if `action` is not an index into problem.inputs, or the run is over.
+        Returns observation, reward, whether the run terminated, whether it was truncated, and `info`. ValueError if
+        `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")
@@ -107,7 +112,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         runs, now, end, last = self.runs, self.now, self.now + 1, self.now + 1 == self.table.steps
         known, rows = runs.predictions, np.array([0])
         applied = int(self.controller.filter(known[0], now, int(action)).inputs if self.shield else action)
-        runs.go(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
+        runs.apply(now, rows, np.array([applied]), self.table.batch(known, now).steps_to_go)
         runs.under_way(end, last)
         self.now = end
         self.outcome = OUTCOMES[runs.outcomes[0]] if runs.outcomes[0] != UNDECIDED else "late" if last else ""
@@ -121,7 +126,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 
     def _info(self) -> dict[str, Any]:
-        """The outcome, which actions are safe, and whether the table promises anything."""
+        """The entries "outcome", "action_mask" and "promised" of `info`, as the class describes them."""
         mask = np.ones(len(self.table.problem.inputs), np.int8)
         if self.outcome:
             return {"outcome": self.outcome, "action_mask": mask, "promised": self.outcome == "reached"}

@@ -32,7 +32,13 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Apply the inputs over some substeps of an interval: states (M, ndim) and outcomes (M,) then, and the last v."""
+    """Simulate M runs over some substeps of an interval: states (M, ndim), outcomes (M,) and the last v (M, D).
+
+    begun : the moment before the first of `substeps`. play : the adversary. watch : is called after each substep, if it
+    is given. An outcome is `COLLIDED`, `OFF`, `REACHED` past a safe end
+    without a target, or `UNDECIDED`; states of decided runs go on meanwhile, and none once all are. ValueError where
+    the adversary exceeds its bounds.
+    """
     problem, inputs = begun.problem, begun.inputs
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
     states, v, ended = begun.states, begun.previous, np.full(len(begun.states), UNDECIDED)
@@ -72,10 +78,10 @@ def play_interval(
 
 
 def _fast_sets(begun: Moment) -> list[UnsafeSet]:
-    """The unsafe sets that may pass a state between two substeps; bounds on the others' functions need not be asked.
+    """The unsafe sets of a problem that may pass a state between two substeps; of others no bounds need be asked.
 
-    g changes in a substep by more than `FAST` of max -g, at states drawn at random, of three intervals, whose
-    coordinates change as fast as any there; or none of the states is in the set.
+    Of these sets g changes in a substep by more than `FAST` of max -g, at states drawn at random, of three intervals,
+    whose coordinates change as fast as any there; or none of the states is in the set.
     """
     problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
@@ -95,7 +101,11 @@ def _fast_sets(begun: Moment) -> list[UnsafeSet]:
 def _near(
     begun: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which runs, of those asked (M,), a set may come to in so many substeps, by bounds around each state: (M,)."""
+    """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool.
+
+    asked (M,) bool : the runs that count; by default those under whose inputs the set is unsafe. False, too,
+    where a black box declares too little for bounds.
+    """
     found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
     start = begun.problem.grid.clipped(states[some], "frees") - far
@@ -107,9 +117,10 @@ def _near(
 def _may_meet(
     problem: ReachAvoidProblem, unsafe_set: UnsafeSet, points: FloatArray, moved: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,).
+    """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
 
-    Where a black box does not declare enough for bounds it is not asked.
+    During the interval `times`, s. Also True where a box crosses the end of a periodic axis; False, without a bound,
+    where a black box does not declare enough for one.
     """
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
@@ -131,7 +142,11 @@ def _least_between(
     h: float,
     halvings: int = HALVINGS,
 ) -> FloatArray:
-    """The least value of a set on the way from points (M, ndim) to points + moved, where it was looked at: (M,)."""
+    """The least value of g on the straight ways from points (M, ndim) at t to points + moved at t + h: (M,).
+
+    Of the values at the middles of the parts into which bisection cuts a way, where bounds leave open whether the set
+    is met, `halvings` times at most; inf where they do not.
+    """
     out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:
         half = moved[left] / 2
@@ -144,7 +159,7 @@ def _least_between(
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """The disturbance v that an adversary returned; ValueError where it is outside its box, bounds (M, D)."""
+    """A copy of the disturbance v that an adversary returned, (M, D); ValueError unless |v| <= bounds (M, D)."""
     v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:
         raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")

@@ -65,10 +65,11 @@ class Played:
         """How many runs were lost, how, and what would help."""
         return str(self.finding(""))
 
-    def finding(self, told: str) -> Finding:
-        """The share of the runs that is lost, in a sentence that `told` begins, and the advice."""
+    def finding(self, opening: str) -> Finding:
+        """The share of the runs that is lost, in a sentence that begins with `opening`, and the advice."""
         low, high = self.interval
-        message = f"{told}{self.lost} of {self.runs} runs lost to adversary {self.adversary} ({low:.1%} to {high:.1%})"
+        message = f"{opening}{self.lost} of {self.runs} runs lost to adversary {self.adversary}"
+        message += f" ({low:.1%} to {high:.1%})"
         if self.outside < self.runs:
             message += f", {self.outside_lost} of {self.outside} from outside the target"
         ways = ", ".join(f"{count} {way}" for way, count in self.ways.items())
@@ -76,22 +77,25 @@ class Played:
 
 
 class Commanded(Controller):
-    """A controller that answers with what the filter makes of a reckless commander."""
+    """A controller that applies what its filter makes of the inputs that a reckless commander wants (`wanted`)."""
 
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
-        """The inputs that the filter applies for the wanted ones: (M,)."""
+        """The inputs, by index, that the filter applies for the wanted ones: (M,); `before` does not matter."""
         return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
 
     def wanted(self, batch: Batch) -> FloatArray:
-        """The input that drives at what is unsafe, for each state: (M,)."""
+        """The index of the input that drives at what is unsafe, for each state of a batch: (M,)."""
         return reckless(self.problem, batch.states, batch.step)
 
 
 class Fleeing(Commanded):
-    """Behind the filter, who keeps farthest from the boundary, and may so be driven to where the set closes."""
+    """A controller that applies what its filter makes of the inputs that keep farthest from the boundary (`wanted`).
+
+    Who flees from the boundary may be driven to where the set closes.
+    """
 
     def wanted(self, batch: Batch) -> FloatArray:
-        """The input of least margin, which keeps far from the boundary: (M,)."""
+        """The index of the input of least margin, safe or not, for each state of a batch: (M,)."""
         return batch.margins.argmin(axis=1)
 
 
@@ -103,13 +107,16 @@ def played(
 
 
 def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
-    """Runs from states drawn in the tube against an adversary: how many are lost, and in which ways."""
+    """Simulate so many runs of a controller from states drawn in its tube of step 0, and count which are lost, and how.
+
+    The arguments are those of `Table.played`, as are the errors.
+    """
     table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
-        """Note where a run first touches an unsafe set or leaves the grid."""
+        """Note, by `_where`, the set that each run first touches, or the axis past whose unsafe end it leaves."""
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
@@ -148,7 +155,9 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
-    """The name of the unsafe set that a state under u_j is in, or of the axis past whose end it is."""
+    """The name of the unsafe set whose function is least at a state (ndim,), time t and u_j, if one was `met`; else of
+    the axis past whose unsafe end the state is farthest.
+    """
     problem, grid = table.problem, table.grid
     if met:
         inside = grid.clipped(state[None], "frees")
@@ -159,12 +168,12 @@ def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
 
 
 def _gaps(table: Table) -> str:
-    """Whether the grid may have filled gaps between pieces of its tubes, and what helps: see `sdhj.solver.gaps`."""
+    """Advice where the grid may have filled gaps between pieces of its tubes (`sdhj.solver.gaps`); else empty."""
     return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """A sentence or two on how the losses may be reduced."""
+    """A sentence or two on how the losses may be reduced. ways : runs lost in each way, of so many `runs`."""
     problem, grid, said = table.problem, table.grid, []
     if sum(ways.values()) >= ALARMING * runs and (remedy := _gaps(table)):
         return f'{remedy}; or method="certified", which proves what it promises'
@@ -189,7 +198,10 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
 
 
 def judged_at_the_end(table: Table) -> dict[str, Any]:
-    """Check a solved table by simulation: warn of an empty tube or broken promises; returns entries for its details."""
+    """Check a solved table on a grid by simulated runs: warn of an empty tube or broken promises.
+
+    Returns {"played": counts} for its details, {} for a tube that is nearly empty, from which nothing can run.
+    """
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
         tell(_emptied(table, share))
@@ -216,9 +228,10 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
 
 
 def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
-    """Check by simulation a table for ever: a greedy adversary against the controller and the filter.
+    """Check a table for ever by `runs` simulated runs, a greedy adversary against the controller and the filter.
 
-    Behind the filter stands a commander who drives at what must not be touched, and one who flees.
+    Behind the filter, in fewer runs, stands a commander who drives at what must not be touched, and one who flees.
+    Warns of broken promises and returns {"played": counts} for the table's details.
     """
     few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
     alone = _played(Controller(table), runs, "greedy", 0, EVER)
@@ -228,16 +241,16 @@ def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
         "behind its filter, from a commander who drives at what is unsafe,",
         "behind its filter, from a commander who keeps far from the boundary,",
     )
-    for found, told in zip((alone, behind, fled), where, strict=True):
+    for found, opening in zip((alone, behind, fled), where, strict=True):
         if found.interval[0] > ALARMING:
-            tell(found.finding(f"{told} "))
+            tell(found.finding(f"{opening} "))
     filtered = Counter(behind.ways) + Counter(fled.ways)
     ways = dict(alone.ways) | {f"{way} behind the filter": count for way, count in filtered.items()}
     return {"played": {"runs": alone.runs + 2 * few, "lost": alone.lost + behind.lost + fled.lost, "ways": ways}}
 
 
 def _emptied(table: Table, share: float) -> Finding:
-    """An empty tube: which unsafe set, inputs or projection may be the cause."""
+    """The finding on a tube that holds next to nothing, a `share` of the states: a likely cause, and what helps."""
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.has_no_target else ", no more than the target itself" if share else ""

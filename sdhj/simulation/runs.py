@@ -350,7 +350,11 @@ def monte_carlo(
 
 
 def play_length(controller: Controller, steps: int | None) -> int | None:
-    """The number of steps to simulate with the tubes of step 0; None: the table's steps in order."""
+    """The number of steps to simulate with the tubes of step 0; None: the table's steps in order.
+
+    steps : what the user asked for, or None. ValueError if it is given although something depends on time, or no
+    whole number from 1 on.
+    """
     table = controller.table
     if steps is None and table.details.get("endless") and not controller.timed:
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
@@ -360,7 +364,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
 
 
 def named(option: object) -> str:
-    """How an option is called that is a name, a function or an object."""
+    """The name of an option that is a name, a function or an object: its `name`, its `__name__` or its class's."""
     if isinstance(option, str):
         return option
     return str(getattr(option, "name", getattr(option, "__name__", type(option).__name__)))
@@ -383,7 +387,10 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 
 
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
-    """States (count, ndim) drawn uniformly from the tube of step 0, by rejection; ValueError if it is nearly empty."""
+    """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
+
+    With sensing those that are admissible however they are measured. ValueError if the tube is nearly empty.
+    """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []
     missing = count

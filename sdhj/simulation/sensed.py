@@ -25,7 +25,12 @@ from sdhj.table.controller import Controller
 
 
 class Runs:
-    """The closed loop of M robots, from where their first inputs start."""
+    """The closed loop of M robots: their states, outcomes and predictions, an interval at a time.
+
+    It begins where their first inputs start. `outcomes` (M,) are `UNDECIDED` while runs go on, `taken` (M,) counts
+    their intervals, `held` (M,) are their last inputs, `offsets` (M,) -1, 0 or 1: the interval begins early, on time or
+    late.
+    """
 
     def __init__(
         self,
@@ -36,13 +41,15 @@ class Runs:
         sensing: Sensing,
         watch: Watch | None,
         ever: bool,
-        led: bool = True,
+        controlled: bool = True,
     ) -> None:
-        """Runs from starts (M, ndim), measured and misled as the sensing allows; `watch` is told of each substep.
+        """Runs from starts (M, ndim), which are measured at once, misled as the sensing allows.
 
-        led : whether the controller chooses all inputs, for the fewest steps; else adversaries count all that are left.
+        play : the adversary. watch : called after each substep. ever : every step uses the tubes of step 0, as nothing
+        depends on time. controlled : the controller chooses all inputs, for the fewest steps; else adversaries play
+        against the tubes of all steps that are left.
         """
-        self.led, self.ever = led, ever  # ever: every step uses the tubes of step 0, as nothing depends on time
+        self.controlled, self.ever = controlled, ever
         self.watch = watch
         self.mislead = getattr(play, "mislead", ADVERSARIES["worst"].mislead)
         self.shift = getattr(play, "shift", ADVERSARIES["worst"].shift)
@@ -66,9 +73,11 @@ class Runs:
         box: FloatArray | None = None,
         known: tuple[FloatArray, int] | None = None,
     ) -> FloatArray:
-        """The controller's predictions (M, ndim) from its measurements; with a `box`, of states where inputs start.
+        """The controller's predictions (M, ndim) at a step from measurements of states (M, ndim), which are misled.
 
-        known : what it remembers, if it does: the points (M, ndim) that it carried to a step.
+        before (M,) : the inputs held until then. box (ndim,) : at a run's start, how far predictions may be off; they
+        are then not made from measurements. known : of a controller that remembers, the points (M, ndim) that it
+        carries and their step. ValueError where the adversary exceeds the errors of the sensing.
         """
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
@@ -81,7 +90,7 @@ class Runs:
             return table.next_points(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """The inputs that the controller chooses from such measurements, and the steps to go."""
+            """The inputs (M,) that the controller chooses from measurements off by `off` (M, ndim), and steps to go."""
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
             return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
@@ -99,18 +108,26 @@ class Runs:
         return predict(off)
 
     def begins(self, number: int, offset: int) -> float:
-        """When the interval of that number begins, s."""
+        """When the interval of that number begins, s: t_number + offset * jitter, offset -1, 0 or 1."""
         return self.problem.time(number) + offset * self.problem.sensing.jitter
 
-    def first(self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> Moment:
-        """The first moment of an interval."""
+    def first_moment(
+        self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray
+    ) -> Moment:
+        """What the adversary sees of some runs (R,) when their interval begins, at `begin`, s.
+
+        inputs, to_go (R,) : the inputs that are held, and the steps to go by which they were chosen.
+        """
         step, table = 0 if self.ever else number, self.controller.table
-        every = self.controller.all_left or not self.led
+        every = self.controller.all_left or not self.controlled
         left: FloatArray | None = np.full(len(rows), table.steps - step - 1) if every else None
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def under_way(self, number: int, last: bool) -> FloatArray:
-        """End the runs that have reached the target before an interval; those that go on, (R,)."""
+        """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns those that go on, (R,).
+
+        With sensing their predictions must be in it too. Without a target all end so when `last`.
+        """
         problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
         reached = np.full(alive.size, problem.has_no_target and last)
         if alive.size and not problem.has_no_target:
@@ -122,8 +139,10 @@ class Runs:
         return alive[~reached]
 
     def interval(self, number: int, last: bool) -> None:
-        """End the runs that have reached the target at a sampling time; then those without an answer, and simulate the
-        others for an interval. last: no interval follows, so who has no target has succeeded.
+        """At sampling time `number` end the runs that are over, and simulate the others for an interval.
+
+        Those that have reached the target end as `REACHED`, those for which the controller has no input as `LEFT`. last
+        : no interval follows, so who has no target has succeeded.
         """
         alive, step = self.under_way(number, last), 0 if self.ever else number
         if last or not alive.size:
@@ -131,14 +150,18 @@ class Runs:
         batch = self.controller.batch(self.predictions[alive], step)
         inputs = self.controller.choose(batch, self.held[alive])
         self.outcomes[alive[inputs < 0]] = LEFT
-        self.go(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
+        self.apply(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
-    def go(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
-        """Simulate some runs (R,) for an interval under inputs (R,), which have so many steps to go."""
+    def apply(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
+        """Simulate some runs (R,) for an interval under inputs (R,), chosen with so many steps to go (R,).
+
+        With sensing the adversary first says when the next inputs start; ValueError where it says anything but -1, 0,
+        1.
+        """
         problem = self.problem
         ends: FloatArray = np.zeros(rows.size, np.int64)
         if problem.sensing and rows.size:
-            answer = self.shift(self.first(number, problem.time(number), rows, inputs, to_go))
+            answer = self.shift(self.first_moment(number, problem.time(number), rows, inputs, to_go))
             ends = real_array("what the adversary's shift returns", answer, rows.shape)
             if not np.isin(ends, (-1, 0, 1)).all():
                 raise ValueError(f"the adversary's shift must return -1, 0 or 1 for each run, got {ends.tolist()}")
@@ -149,9 +172,13 @@ class Runs:
             self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
     def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
-        """Simulate some runs, whose interval begins and ends alike, with the measurement in it."""
+        """Simulate runs (R,) for an interval under inputs (R,), where it begins for all at one time and ends at one.
+
+        ends : -1, 0 or 1, early, on time or late. With sensing the states are measured one delay before the end, and
+        predictions made for the next input.
+        """
         sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
-        begun = self.first(number, begin, rows, inputs, to_go)
+        begun = self.first_moment(number, begin, rows, inputs, to_go)
         if sensing:
             end, delay = self.begins(number + 1, ends), sensing.delay
             length = end - begin
@@ -185,7 +212,8 @@ def rollouts(
 ) -> tuple[FloatArray, FloatArray]:
     """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
 
-    `steps` is what `sdhj.simulation.runs.play_length` returns; `sensing` may be other than the table was solved for.
+    play : the adversary. watch : called after each substep, if it is given. steps : how many, all by the tubes of step
+    0; None: all steps of the problem in order. sensing : as simulated, by default as the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)

@@ -24,9 +24,9 @@ MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's
 
 
 class Danger(NamedTuple):
-    """An avoid game.
+    """What an avoid game is played against: one unsafe set, or the unsafe ends of one axis.
 
-    axes : the axes of its tubes, ascending.
+    axes : the problem's axes on which its tubes depend, ascending.
     moves : whether the tubes differ from step to step.
     problem, unsafe_set : a problem and its set; for the ends of an axis they are a wide problem and its only set.
     inside : index of the subgrid of `axes` in the grid on which the game is played.
@@ -40,12 +40,14 @@ class Danger(NamedTuple):
 
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis. Found once, and kept."""
+    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis, in this order. Found once,
+    and kept with the problem.
+    """
     return list(problem.remembered("dangers", lambda: _dangers(problem)))
 
 
 def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """The avoid games of a problem: see `dangers`."""
+    """Make the list that `dangers` returns."""
     found = []
     for unsafe_set in problem.unsafe:
         axes = problem.avoid_axes(unsafe_set)
@@ -55,10 +57,11 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
-    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid).
+    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), by the `games`
+    unless the former solve has them.
 
-    inside : where its nodes are on the grid that is played on. former : the solve before, which may have them, and in
-    which they are kept for the next one. Inputs under which the set is not unsafe have -inf.
+    inside : the index of its nodes in the tubes that the games return. former : an earlier solve, in which these are
+        kept for the next one, too. Inputs under which the set is not unsafe have -inf.
     """
     found = former.tube(danger, step) if former else None
     if found is None:
@@ -70,7 +73,7 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
 
 
 def never_met(unsafe_set: UnsafeSet) -> Finding:
-    """An unsafe set that no node is in danger of."""
+    """The finding that no node is in danger of an unsafe set; to be told, nothing is checked here."""
     return Finding(
         f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
         0.0,
@@ -80,7 +83,12 @@ def never_met(unsafe_set: UnsafeSet) -> Finding:
 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
-    """The unsafe ends of an axis, as the unsafe set of a problem on the axes that its velocity depends on."""
+    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) of a wide problem on the axes
+    that its velocity depends on.
+
+    The wide grid goes past both ends by as many nodes as the state crosses in an interval, and `MARGIN` more; there
+    velocities are those at the end. ValueError where it crosses too many cells (`checked_travel`).
+    """
     slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in problem.grid.faces("fails"))
     name = f"the ends of axis {problem.grid.names[axis]}"

@@ -29,71 +29,82 @@ PLANE = 2  # axes of a plane
 
 
 def meaning(function: Any) -> Meaning:
-    """A key of what a function computes: equal keys, equal values; a black box equals nothing."""
+    """A hashable key of what a function computes: equal keys, equal values; a black box has a new key each time,
+    which equals none; () for None.
+    """
     if function is None:
         return ()
     return function.meaning if isinstance(function, Formula) else (object(),)
 
 
 def meaning_of_set(part: Any) -> Meaning:
-    """A key of what an unsafe set or a target is, wherever it stands in its problem."""
+    """A hashable key of what an unsafe set or a target is: its axes, sampling, inputs and functions; not its name
+    or its place in the problem.
+    """
     how = getattr(part, "sampling", ""), getattr(part, "inputs", None)
     return part.axes, *how, meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
 def meaning_around(problem: ReachAvoidProblem) -> Meaning:
-    """A key of all that avoid tubes and games of one interval depend on, besides the sets."""
+    """A hashable key of all that avoid tubes and games of one interval depend on, besides the sets: grid, delta,
+    view_time, sensing, inputs and dynamics.
+    """
     dynamics, sensing = problem.dynamics, tuple(map(str, vars(problem.sensing).items()))
     inputs = problem.inputs.shape, problem.inputs.tobytes()
     return problem.grid, problem.delta, problem.view_time, sensing, inputs, tuple(map(meaning, dynamics.parts))
 
 
 def differing(now: FloatArray, then: FloatArray) -> FloatArray:
-    """In which planes some bit differs: (*shape[:-2]) bool."""
+    """In which planes some bit of two arrays (*shape) of one type differs: (*shape[:-2]) bool."""
     kind = np.dtype(f"u{now.dtype.itemsize}")
     return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
 
 
 @lru_cache(maxsize=64)
 def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
-    """Which nodes of an axis are at most `by` apart: (nodes, nodes), 1 or 0."""
+    """Whether two nodes of an axis are at most `by` apart: (nodes, nodes) float32, 1 or 0."""
     distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
     return ((np.minimum(distance, nodes - distance) if periodic else distance) <= by).astype(np.float32)
 
 
-def _beside(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
-    """For each plane, whether one that is marked is up to `by` away along an axis."""
+def _near_marked(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
+    """For each plane, whether one of the marked `planes`, (*shape[:-2]) bool, is up to `by` nodes away along an
+    axis.
+    """
     n, behind = planes.shape[axis], math.prod(planes.shape[axis + 1 :])
     lines = planes.reshape(-1, n, behind).astype(np.float32)
     return np.asarray(_neighbours(n, grid.periodic[axis], by) @ lines > 0).reshape(planes.shape)
 
 
 def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
-    """The planes that read a marked one within some stages, along one axis in each stage.
+    """The planes whose values depend on a marked one of `planes` (*shape[:-2]) bool after so many stages, each of which
+    reads `order` nodes to each side, along one axis only.
 
-    By symmetry also what they read if they are marked.
+    By symmetry also the planes that marked ones depend on.
     """
     for _ in range(stages if planes.any() else 0):
         if planes.all():
             break
-        planes = np.logical_or.reduce([planes, *(_beside(grid, planes, i, order) for i in range(planes.ndim))])
+        planes = np.logical_or.reduce([planes, *(_near_marked(grid, planes, i, order) for i in range(planes.ndim))])
     return planes
 
 
 def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
-    """The planes that read a marked one in a maximum over boxes that lead so many cells along each axis."""
+    """The planes whose values depend on a marked one of `planes` (*shape[:-2]) bool in a maximum over boxes that
+    reach cells[axis] cells along each axis.
+    """
     for axis in range(planes.ndim):
-        planes = _beside(grid, planes, axis, nodes_read(cells[axis]))
+        planes = _near_marked(grid, planes, axis, nodes_read(cells[axis]))
     return planes
 
 
 @dataclass(eq=False)
 class Patch:
-    """The part of one entry that is to be solved anew.
+    """The part of one entry (k, n) that is to be solved anew; planes are (*shape[:-2]) bool.
 
     grid : of the problem.
     changed : planes in which the tube that the games start from differs from the former one.
-    besides : ... the tube with one step less to go, or an avoid tube.
+    besides : planes in which the tube with one step less to go, or an avoid tube, differs.
     former : the former tube and marks.
     was_still : the former solution of the PDE in the moving frame, where it was kept.
     rows : planes to be solved anew, as soon as the games know: then the rest is copied.
@@ -111,9 +122,11 @@ class Patch:
     def solve_still(
         self, solve: Callable[[Any], FloatArray], grid: Grid, past: Sequence[int], reads: tuple[int, int], cells: Any
     ) -> FloatArray:
-        """The PDE's solution on a grid that goes `past` the ends, solve(planes); and `rows`, which it is carried to.
+        """The PDE's solution in the moving frame, on a grid that goes past[axis] nodes past the ends: solve(planes)
+        where it may differ from the former one, copied elsewhere; solve(None) where that was not kept.
 
-        reads : the order and number of stages; cells : how many the disturbance may bring a state, and how many the
+        Sets `still` to it, and `rows` to the planes of the entry that may differ.
+        reads : the order and number of stages. cells : how many the disturbance may bring a state, and how many the
             solution is shifted, at most along each axis.
         """
         lead = self.changed.ndim
@@ -133,7 +146,9 @@ class Patch:
         return still
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
-        """Write what is as it was: a tube (*shape) and marks (bytes, size)."""
+        """Copy the planes that are not in `rows` from the former entry: into a tube (*shape) and marks (bytes,
+        size), in place.
+        """
         rest = np.flatnonzero(~self.rows)
         for now, then in ((tube[None], self.former[0]), (marks, self.former[1])):
             own, other = (one.reshape(len(now), self.rows.size, -1) for one in (now, then))
@@ -144,7 +159,8 @@ class Patch:
 
 
 class Former:
-    """An earlier table, as a solve of a problem looks at it: nothing is taken from it that could differ.
+    """An earlier table, as the solve of another problem looks at it: nothing is taken from it that could differ. What
+    this solve keeps for the next one is in `each` and `still`.
 
     Parameters
     ----------
@@ -158,7 +174,9 @@ class Former:
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
-        """Find out what the two problems have in common."""
+        """Find out what the two problems have in common: whether they are `alike`, have the same target, and
+        whether entries can be taken over (`has_rows`).
+        """
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
@@ -181,11 +199,14 @@ class Former:
 
     @staticmethod
     def key(danger: Any) -> Meaning:
-        """A key of all that the avoid tubes of one set depend on, in problems that are alike."""
+        """A hashable key of all that the avoid tubes of one danger depend on, in problems that are alike."""
         return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.unsafe_set)
 
     def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
-        """The tubes of all static sets together, or of all moving ones, if none of them differs; else None."""
+        """The former avoid tubes of all static dangers together, or of all moving ones (`moves`), if the dangers
+        `now` are the same: (often, L, *subgrid) of the first `often` steps; else None. Keeps what was kept of
+        each for the next solve.
+        """
         if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
             return None
         for key in map(self.key, now):
@@ -196,18 +217,21 @@ class Former:
         return found[:often] if len(found) >= often else None
 
     def tube(self, danger: Any, step: int) -> FloatArray | None:
-        """The tube of one set from a step on, if it was kept."""
+        """The former avoid tubes (L, *subgrid) of one danger from a step on, if they were kept and the problems
+        are alike; else None.
+        """
         found = self.kept.each.get(self.key(danger), ()) if self.alike else ()
         return found[step] if step < len(found) else None
 
     def keep(self, danger: Any, tube: FloatArray) -> None:
-        """Keep the tube of one set for the next solve, step by step."""
+        """Keep the avoid tubes of one danger, those of the next step, for the next solve."""
         self.each.setdefault(self.key(danger), []).append(tube)
 
     # ---- rows of the recursion
 
     def patch(self, table: LookupTable, step: int, within: int) -> Patch | None:
-        """The patch of an entry that is being filled in: what differs; None where nothing was like it.
+        """The patch of the entry (step, within) of a table that is being filled in: where it may differ; None where the
+        former solve has no such entry, or was not alike.
 
         An entry that shares its tube was made when the first that shares it was.
         """
@@ -223,19 +247,24 @@ class Former:
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
 
     def done(self, patch: Patch, step: int, within: int) -> None:
-        """Keep what the games found of an entry, for the next solve."""
+        """Keep the PDE's solution that the games found for the entry (step, within), if they did, for the next
+        solve.
+        """
         if patch.still is not None:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """The planes in which an entry (k, n) differs from the entry (k, made) of the former table."""
+        """The planes in which an entry (k, n) of `table` differs from the entry (k, made) of the former one;
+        found once.
+        """
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
             self._differing[*entry, made] = differing(now, then)
         return self._differing[*entry, made]
 
     def _avoid_differs(self, table: LookupTable, step: int, tube: FloatArray) -> FloatArray:
-        """The planes in which an avoid tube of a step differs, and that tells in a former tube.
+        """The planes in which an avoid tube of a step differs from the former one, and that matters to the entry whose
+        former tube (*shape) this is.
 
         The value of an input, max(reach, avoid), is nowhere below the tube that it is united to. So where the avoid
         tube was and is below that, the reach set alone is the value, as it was. Without a target tubes are intersected,
@@ -254,7 +283,9 @@ class Former:
         return np.asarray(np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim))))
 
     def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """The highest that differing functions of some axes, (L, *subgrid), are or were at each node; else -inf."""
+        """At each node the greater of the values now and then, of the inputs whose functions of some axes, (L,
+        *subgrid) each, differ there; -inf where none does. Broadcasts to the grid.
+        """
         if now.ctypes.data == then.ctypes.data:  # they were taken over
             return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)
         kind = np.dtype(f"u{now.dtype.itemsize}")

@@ -64,24 +64,29 @@ class Games(Protocol):
 
     @property
     def dtype(self) -> str:
-        """The type of the values, for example "float32"."""
+        """The type of the values of level-set functions, for example "float32"."""
 
     @property
     def solved(self) -> int:
         """PDEs that have been solved so far."""
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """For each input j the level-set function of RA_k^j({values <= 0}), without the unsafe sets: (j, *shape)."""
+        """Yield for each input j (j, the level-set function (*shape) of the reach set of {values <= 0} over the
+        interval from a step), without the unsafe sets (Definition 2).
+        """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the level-set function of an unsafe set's avoid tube from a step on: (L, *subgrid)."""
+        """For each input the level-set function of an unsafe set's avoid tube over the interval from a step: (L,
+        *subgrid of problem.avoid_axes).
+        """
 
 
 class Pieces(NamedTuple):
-    """Level-set functions of the reach sets of inputs from `first` on, each the least of pieces on some axes.
+    """Level-set functions of the reach sets of inputs from number `first` on, each the minimum of functions on some
+    axes, their pieces.
 
-    pieces : of each (inputs, *subgrid)
-    axes : the axes that each depends on.
+    pieces : of each subspace, (inputs, *subgrid).
+    axes : the axes of each subspace.
     flat : where there are several, all of them one behind the other, and `PAST` numbers more.
     """
 
@@ -93,18 +98,22 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Number of inputs."""
+        """Number of inputs that these are the reach sets of."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
-        """Those of some of the inputs on the whole grid: (inputs, *grid.shape)."""
+        """The level-set functions of some of the inputs on the whole grid: (inputs, *grid.shape); a view where
+        there is one piece on all axes.
+        """
         if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
             return self.pieces[0][some]
         return united(self.grid, [piece[some] for piece in self.pieces], self.axes)
 
 
 def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """Back-project functions on subspaces, (L, *subgrid) each, and unite their sets: the minimum, (L, *grid.shape)."""
+    """The minimum of functions on subspaces, `pieces` (L, *subgrid) each, back-projected: the union of their sets
+    on the grid, a new array (L, *grid.shape). axes : of each subspace.
+    """
     out = np.empty((len(pieces[0]), *grid.shape), pieces[0].dtype)
     for j, total in enumerate(out):
         first, *others = (grid.lift(piece[j], keep) for piece, keep in zip(pieces, axes, strict=True))
@@ -117,16 +126,20 @@ def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
 
 
 def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
-    """Reach sets that come one by one, (j, values), together with those next to them whose marks share a byte."""
+    """Yield reach sets that come one by one, (j, values (*grid.shape)), together with those next to them whose
+    marks share a byte.
+    """
     for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
         yield Pieces(inputs[0], grid, [np.stack(values)], [tuple(range(grid.ndim))])
 
 
 def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
-    """By how many nodes the moving frame goes past the ends of some axes: none but where the drift meets them.
+    """By how many nodes the grid of the moving frame goes past both ends of each of some axes: 0 but where the drift
+    meets a bounded end; velocities are constant.
 
-    As far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift leads.
+    There as far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift
+    leads if that is less, and `BEYOND` more.
     """
     grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
@@ -144,7 +157,7 @@ class ObstacleFunction:
     ----------
     axes : tuple of int
     values_over : callable (t0, t1) -> array
-        -g of what the state must not touch at any time in [t0, t1].
+        -g of what the state must not touch at any time in [t0, t1], (*subgrid).
     instant : bool
         Whether `values_over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
     """
@@ -155,7 +168,7 @@ class ObstacleFunction:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
-        """The obstacle function of an unsafe set of the problem.
+        """The obstacle function of an unsafe set of the problem, on `axes`, which include the set's.
 
         An instantaneous set is swept over each time step, or a fast one could be missed between two of them.
         """
@@ -165,7 +178,7 @@ class ObstacleFunction:
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
-            """-g over [t0, t1] on the subgrid, a view that is larger than what it takes in memory."""
+            """-g over [t0, t1] on the subgrid (*shape): a view, in memory on the set's own axes."""
             values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
             return np.broadcast_to(grid.lift(values, places), grid.shape)
 
@@ -173,7 +186,9 @@ class ObstacleFunction:
 
 
 class _OnAxes:
-    """Base of games on some axes; other coordinates that enter the velocities are disturbances (App. A.4).
+    """Base of the games of a problem's intervals on some axes; other coordinates that enter the velocities are
+    disturbances (App. A.4). A method has `grouped_reach_sets`, `operations` and `each_tube`, or `tubes`; `reach` and
+    `avoid` follow.
 
     counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
     wanted : by the axis, where in a window the nodes are that are needed.
@@ -185,7 +200,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        """The games of a problem's intervals, on all axes or on some."""
+        """The games of a problem's intervals, on all axes (None) or on some; counted, wanted: see the class."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -194,24 +209,29 @@ class _OnAxes:
         self.crossed = 0.0
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
-        """The nodes of some axes whose values are needed."""
+        """For each of some axes the slice of the nodes whose values are needed."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """The reach sets of all inputs, some at a time; of a patch only the planes that it finds are needed."""
+        """Yield the reach sets of all inputs for the set {values <= 0} to be in at t_{k+1}, some inputs at a
+        time; with a patch only the planes that it finds, and sets as `patch.rows`, are right.
+        """
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The cost of all inputs together (`sdhj.problem.cost`), of a reach game, or of an avoid game.
+        """The operations (`sdhj.problem.cost`) of all inputs together in the interval from a step, of a reach game, or
+        of an avoid game on these axes.
 
-        `crossed` is then at least how many cells the state crosses in the interval.
+        Raises `crossed` to how many cells the state crosses in the interval.
         """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j(t_k)) for every input; `values` is the level-set function of the set to be in at t_{k+1}."""
+        """Yield (j, Phi_j (*shape, or the wanted nodes)) for every input: the level-set function at the begin of
+        the interval from `step`, where `values` is that of the set to be in at its end.
+        """
         for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
                 yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
@@ -221,33 +241,41 @@ class _OnAxes:
         return self.tubes(ObstacleFunction.of(self.problem, unsafe_set, self.problem.avoid_axes(unsafe_set)), step)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes of an obstacle function, (L, *subgrid of obstacle.axes)."""
+        """The avoid tubes of an obstacle function over the interval from `step`: the maximum of what `each_tube`
+        yields, (L, *subgrid of obstacle.axes), the wanted nodes alone.
+        """
         tubes = self.no_tubes(obstacle)
         for j, tube in self.each_tube(obstacle, step):
             np.maximum(tubes[j], tube, out=tubes[j])
         return tubes
 
     def no_tubes(self, obstacle: ObstacleFunction) -> FloatArray:
-        """Avoid tubes with nothing to avoid: -inf, (L, *subgrid of obstacle.axes)."""
+        """A new array of avoid tubes with nothing to avoid: -inf, (L, *subgrid of obstacle.axes), the wanted
+        nodes alone.
+        """
         nodes = zip(self.problem.grid.subgrid(obstacle.axes).shape, self.wanted_on(obstacle.axes), strict=True)
         return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, a part of the tube of u_j), on the subgrid of obstacle.axes: the tube is the maximum of its
-        parts.
+        """Yield (j, a part of the tube of u_j) over the interval from `step`, on the subgrid of obstacle.axes,
+        the wanted nodes alone: the tube is the maximum of its parts.
         """
         raise NotImplementedError
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences."""
+    """Games 1 to 3 of App. A.3 by finite differences: reach sets, in the moving frame where that applies, and
+    avoid tubes, by the Hopf-Lax formula where that does.
+    """
 
     joint = False
 
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        """Games by Hamilton-Jacobi-Isaacs equations; ValueError where an interval crosses too many cells."""
+        """Games by Hamilton-Jacobi-Isaacs equations that `scheme` discretises, on some axes, by default all;
+        `window` : counted and wanted. ValueError where the drift crosses too many cells in an interval.
+        """
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
         self._steps: dict[tuple[Axes, int], int] = {}
@@ -260,25 +288,27 @@ class HJIGames(_OnAxes):
 
     @property
     def drift(self) -> FloatArray:
-        """The velocity under each input along these axes, where it is constant; (L, axes)."""
+        """The velocity under each input along these axes; (L, axes). Only where it is constant."""
         return self.problem.dynamics.arrays[0][:, self.axes]
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d, where that is constant; (axes, D)."""
+        """max |gain_id v_d| = |gain_id| bounds_d; (axes, D). Only where it is constant."""
         _, gain, bounds = self.problem.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift: it is constant, and a wall does no more than end the shift.
+        """Whether the drift can be solved by a shift: the scheme allows it, velocities are constant, and a wall does no
+        more than end the shift.
 
-        A wall stops the state, and what comes of the whole interval is what would come without the wall, moved back to
-        it at the end: where the disturbance moves that axis on its own, and where the state never turns back there.
-        Elsewhere a state that has slid along the wall and left it again is displaced otherwise. Without a target, where
-        sets shrink away from unsafe ends step by step, differences are kept: tables for ever were judged with them. On
-        a line they are no better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly,
-        0.057 by shifts.
+        False for an axis with a drift if it has an unsafe end and there is no target; or if it has a wall, and a
+        component of v that moves several axes moves it too, and v may there outdo the drift. A wall stops the state,
+        and what comes of the whole interval is what would come without the wall, moved back to it at the end: where the
+        disturbance moves that axis on its own, and where the state never turns back there. Elsewhere a state that has
+        slid along the wall and left it again is displaced otherwise. Without a target, where sets shrink away from
+        unsafe ends step by step, differences are kept: tables for ever were judged with them. On a line they are no
+        better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly, 0.057 by shifts.
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
@@ -291,11 +321,12 @@ class HJIGames(_OnAxes):
         return not (shrinks | (coupled & (push.sum(axis=1) > np.abs(self.drift).min(axis=0)))).any()
 
     @cached_property
-    def brought(self) -> FloatArray:
-        """How far along each axis the disturbance moves a state in an interval, if that is a cell or more: (axes,).
+    def pushed(self) -> FloatArray:
+        """How far along each axis the disturbance moves a state in an interval, in the axis's unit, if that is a cell
+        or more, else 0: (axes,).
 
         Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps them.
-        Below a cell it reaches no other node, and interpolation alone would wear sets down. Nor where a component of
+        Below a cell it reaches no other node, and interpolation alone would wear sets down. 0 also where a component of
         the disturbance moves several axes, as not all of a box can be reached.
         """
         far = self.push.sum(axis=1) * self.duration
@@ -305,11 +336,13 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame: intervals that may end early have many shifts."""
+        """Whether reach sets are computed in the moving frame: it applies, and intervals may not end early, as
+        they then have many shifts.
+        """
         return self.moving_frame and not self.early
 
     @cached_property
-    def around(self) -> tuple[Grid, tuple[int, ...]]:
+    def moving_grid(self) -> tuple[Grid, tuple[int, ...]]:
         """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
 
         Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
@@ -321,7 +354,11 @@ class HJIGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Reach sets of some inputs at a time; in the moving frame one PDE serves all inputs."""
+        """Yield the reach sets of all inputs, some at a time: in the moving frame shifts of one PDE's solution, else a
+        PDE for each input, on small grids all at once.
+
+        With a patch: sets `patch.rows`, solves these planes alone, and yields nothing where there are none.
+        """
         wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
             yield from self._shifts(values, step, patch)
@@ -340,22 +377,27 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages an interval has: see `within_stages`."""
+        """How many nodes to each side a stage reads, and how many stages the interval from a step has: see
+        `within_stages`. still : the velocities of the PDE in the moving frame, if that is meant.
+        """
         if still is None:
             steps = self.steps(self.axes, step)
         else:
-            steps = still.steps(self.around[0], self.duration, self.scheme.cfl)
+            steps = still.steps(self.moving_grid[0], self.duration, self.scheme.cfl)
         nodes, stages = self.scheme.reads
         return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The cost of all inputs together: nodes x time steps x stages, and the calls of kernels."""
+        """The operations of all inputs together, of a reach game or an avoid game on these axes: nodes x time
+        steps x stages, and the calls of kernels; in the moving frame of one PDE and the shifts. See
+        `_OnAxes.operations`.
+        """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
             self.crossed = max(self.crossed, self.formula.crossed)
             return found
         moving, timed = self.shifted and not avoid, self.problem.dynamics.timed
-        grid = self.around[0] if moving else self.problem.grid.subgrid(axes)
+        grid = self.moving_grid[0] if moving else self.problem.grid.subgrid(axes)
         begin = self.problem.interval(step).begin
         if avoid or timed or (self.joint and not moving):
             steps = [self.steps(axes, step)] * self.count
@@ -369,27 +411,31 @@ class HJIGames(_OnAxes):
         more = 0.0
         if moving:
             shift = self.problem.dynamics.arrays[0][:, axes] * self.duration
-            far = self.brought[None]
+            far = self.pushed[None]
             more = operations(grid, shift, shift) + (operations(grid, -far, far) if far.any() else 0.0)
         if timed and sum(steps) * arranged_bytes(grid, self.scheme) > KEPT:  # velocities are laid out time and again
             more += 2 * grid.ndim * sum(steps) * grid.size
         return self.scheme.reads[1] * (sum(steps) * grid.size + calls * CALL) + more
 
     def _shifts(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima]:
-        """The reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), where Psi knows the disturbance only.
+        """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), f_j the drift under u_j, where Psi
+        knows the disturbance only.
 
-        Psi is the greater of the solution by differences and of the maximum over what the disturbance reaches.
+        Psi is the greater of the solution by differences and of the maximum over the box that the disturbance moves a
+        state in (`pushed`). patch : as for `grouped_reach_sets`.
         """
-        (grid, past), shift, wanted = self.around, self.drift * self.duration, self.wanted_on(self.axes)
+        (grid, past), shift, wanted = self.moving_grid, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
             values = np.pad(out_of_danger(self.grid, np.asarray(values)), [(n, n) for n in past], "edge")
             inner = (range(n)[some] for n, some in zip(self.grid.shape, wanted, strict=True))
             wanted = tuple(slice(n + one.start, n + one.stop) for n, one in zip(past, inner, strict=True))
         pushes = self._field(0, self.axes, step, self.problem.interval(step).begin, drift=False)
-        far = self.brought
+        far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
-            """Psi on some planes: by differences, and at least the maximum over what the disturbance reaches."""
+            """Psi (*shape) on some planes, by default all: by differences, and at least the maximum over what the
+            disturbance reaches.
+            """
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -406,7 +452,9 @@ class HJIGames(_OnAxes):
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
-        """Phi_j at the begin of the interval, by the HJI equation of game 3, for input j."""
+        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3: `values` are
+        those at its end; on some planes only, if given.
+        """
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
         counts = self.counted.get(self.axes)
@@ -417,9 +465,11 @@ class HJIGames(_OnAxes):
         return evolve(*given, steps=steps, planes=planes)
 
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
-        """All inputs as `evolve_each` takes them, by default with as few time steps each as they need.
+        """All inputs in groups as `evolve_each` takes them, on some axes: each with the time steps that it needs, or
+        all with `steps`.
 
-        None at all where the grid is so large that they are better solved one by one, or where they have to be.
+        Empty where the grid is so large, or the velocities take so much memory, that inputs are better solved one by
+        one, or where they have to be: where intervals may end early or anything depends on time.
         """
         grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
         if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
@@ -445,17 +495,23 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The same games by the Hopf-Lax formula."""
+        """The games of the same problem and axes by the Hopf-Lax formula; where velocities do not depend on the
+        state.
+        """
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes, by the Hopf-Lax formula where it applies, else by differences."""
+        """The avoid tubes over the interval from `step`, (L, *subgrid of obstacle.axes), by the Hopf-Lax formula
+        where it applies (`by_formula`), else by differences.
+        """
         if not self.by_formula(obstacle.axes):
             return super().tubes(obstacle, step)
         return self.formula.tubes(obstacle, step)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, the avoid tube of u_j), by differences with -g as obstacle."""
+        """Yield (j, the avoid tube of u_j) over the interval from `step`, by differences with -g as obstacle, on
+        the wanted nodes of the subgrid of obstacle.axes.
+        """
         grid, steps = self.problem.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         at = self.obstacle_at(obstacle, step, steps)
         keywords: dict[str, Any] = {"obstacle": at if obstacle.instant else at(0.0), "steps": steps}
@@ -473,14 +529,16 @@ class HJIGames(_OnAxes):
             yield j, tube[self.wanted_on(obstacle.axes)]
 
     def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function as a function of tau, the time left in the interval from `step`, solved in `steps`
-        time steps.
+        """The obstacle function (*subgrid) as a function of tau, s, the time left in the interval from `step`,
+        which is solved in `steps` time steps; its values are kept.
         """
         t0, t1 = self.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
-            """-g at tau before the interval's end, swept over one time step; or over all of it."""
+            """-g at tau s before the interval's end, swept over one time step; or, where it is not `instant`,
+            over all of the interval.
+            """
             if not obstacle.instant:
                 return obstacle.values_over(t0, t1)
             return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
@@ -490,7 +548,8 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """The velocity set of a step as `evolve` reads it: itself or, if it depends on time, as a function of tau.
+        """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it: itself or, if it
+        depends on time, as a function of tau. drift : False leaves the drift out.
 
         tau is counted back from the interval's end. Up to `KEPT` bytes are kept, of one interval at a time where they
         depend on time: a row of the recursion asks for the same times once for each number of steps to go.
@@ -504,9 +563,10 @@ class HJIGames(_OnAxes):
         return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
 
     def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
-        """The velocity set at a time, kept with what the kernels read of it as long as there is room.
+        """The velocity set of u_j along some axes at time t of the interval from a step, kept with what the kernels
+        read of it as long as there is room. drift : False leaves the drift out.
 
-        ValueError if the time steps of the interval are too long for it, because it changes too fast within.
+        ValueError if it changes so fast within the interval that at t the time steps are too long.
         """
         if (key := (j, axes, drift, t)) not in self._fields:
             field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
@@ -520,7 +580,10 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """Number of time steps of an interval that is enough for every input."""
+        """Number of time steps of the interval from a step that is enough for every input, on some axes, at least
+        1: from `counted` where that has them, else by the CFL condition, at `INSTANTS` where velocities depend on
+        time.
+        """
         if axes in self.counted:
             return max(1, *self.counted[axes])
         key = axes, step if self.problem.dynamics.timed else 0
@@ -537,20 +600,24 @@ class HJIGames(_OnAxes):
 
 
 class JointGames(HJIGames):
-    """The reach-avoid game of Prop. 1 in one PDE on the whole grid."""
+    """The reach-avoid game of Prop. 1 in one PDE on the whole grid: its reach sets avoid all unsafe sets already."""
 
     joint = True
     patches = False
 
     @property
     def shifted(self) -> bool:
-        """Whether the moving frame is used: never with unsafe sets, which would move with each input."""
+        """Whether the moving frame is used: where `HJIGames` uses it, but never with unsafe sets, which would
+        move with each input.
+        """
         return super().shifted and not self.problem.unsafe
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Level-set functions of the reach-avoid sets (Definition 4), some inputs at a time."""
+        """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time: of each a PDE
+        with -g of the unsafe sets that count under it as obstacle. patch : not heeded.
+        """
         problem, grid = self.problem, self.grid
         if self.shifted:
             yield from self._shifts(values, step)
@@ -561,7 +628,7 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """-g of the union of some unsafe sets at tau: the maximum, on the whole grid."""
+            """-g of the union of the unsafe sets with these numbers at tau: the maximum, on the whole grid (*shape)."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
@@ -595,7 +662,9 @@ class HopfLaxGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        """Games by the Hopf-Lax formula; ValueError where velocities depend on the state."""
+        """Games by the Hopf-Lax formula; `window` : counted and wanted. ValueError where velocities depend on the
+        state, cross too many cells in an interval, or change too fast within one.
+        """
         super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
             raise ValueError('method="lax" needs velocities that do not depend on the state; use method="hji"')
@@ -614,20 +683,25 @@ class HopfLaxGames(_OnAxes):
 
     @property
     def reads(self) -> FloatArray:
-        """How many cells along each axis values are read at most, as if of one box: each segment reads on by itself."""
+        """How many cells along each axis values are read at most: (ndim,). Each segment interpolates by itself
+        and reads two nodes on.
+        """
         return self.cells + 2 * self.problem.interval(0).segments(self.axes).shape[1]
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Reach sets of some inputs at a time: maxima over the boxes of displacements."""
+        """Yield the reach sets of all inputs, some at a time: maxima of `values` over what each input leads to in
+        the interval from a step; over the hull of all its ends where it may end early. patch : sets its `rows`;
+        nothing is yielded where there are none.
+        """
         if patch:
             patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
             if not patch.rows.any():
                 return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
         ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
-        path = [self._moved(interval, list(self.axes), [end]) for end in ends.tolist()]
+        path = [self._displacement_sets(interval, list(self.axes), [end]) for end in ends.tolist()]
         values, wanted = np.asarray(values, self.dtype), self.wanted_on(self.axes)
         if self.early:
             yield from in_eights(self.grid, maximum_over_paths(self.grid, values, path, self.interpolation, wanted))
@@ -635,31 +709,39 @@ class HopfLaxGames(_OnAxes):
             yield from maxima_over_sets(self.grid, values, path[0], self.interpolation, wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes: the maximum of -g over the boxes of each piece of the interval."""
+        """The avoid tubes over the interval from `step`, (L, *subgrid of obstacle.axes): the maximum of -g over
+        what the state may reach in each piece of it.
+        """
         tubes = self.no_tubes(obstacle)
         for some in self._tube_maxima(obstacle, step):
             some.of(into=tubes[some.first : some.first + some.number], raised=True)
         return tubes
 
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
-        """Each piece of the interval takes the box that holds all states of its duration."""
+        """Yield, for each piece of the interval from `step`, the maxima of -g over the box and segments that hold
+        all states of the piece, some inputs at a time; tells the meter of each piece.
+        """
         problem, axes, wanted = self.problem, list(obstacle.axes), self.wanted_on(obstacle.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
         times = problem.span(step)[0] + self.duration * np.arange(pieces + 1) / pieces
         whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            moved = self._around(interval, axes, piece, pieces)
+            moved = self._displacement_sets_in_piece(interval, axes, piece, pieces)
             yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation, wanted)
             tick(_operations(grid, moved) + A_PIECE)
 
-    def _around(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
-        """A box, and segments, that hold all states of a piece of the interval."""
+    def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
+        """A box and segments for each input that hold the displacements, along some axes, at all times of piece
+        number `piece` of `pieces` of the interval.
+        """
         ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
-        return self._moved(interval, axes, ends.tolist())
+        return self._displacement_sets(interval, axes, ends.tolist())
 
-    def _moved(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """A box, and segments, that hold the states at some times of an interval, s from its begin, ascending."""
+    def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
+        """A box and segments for each input that hold the displacements, along some axes, at the times `ends` of
+        an interval, s from its begin, ascending.
+        """
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
             interval.segments(axes),
@@ -669,21 +751,25 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The cost of all inputs together, estimated from some pieces of the interval."""
+        """The operations of all inputs together, of a reach game or an avoid game on these axes, estimated from
+        `PIECES_COUNTED` pieces of the interval. See `_OnAxes.operations`; sets `crossed`.
+        """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)
         if not avoid and not self.early:
-            return _operations(grid, self._moved(interval, some, [self.duration])) + A_PIECE
+            return _operations(grid, self._displacement_sets(interval, some, [self.duration])) + A_PIECE
         looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
-        each = [_operations(grid, self._around(interval, some, piece, pieces)) for piece in looked]
+        each = [_operations(grid, self._displacement_sets_in_piece(interval, some, piece, pieces)) for piece in looked]
         return pieces * (A_PIECE + float(np.mean(each)))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
-        """Number of pieces of a share of the interval in which the state moves at most a quarter of a cell."""
+        """Into how many pieces a share of the interval is cut so that in each the state moves at most a quarter
+        of a cell along any of some axes; at least 1.
+        """
         return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))
 
 
 def _operations(grid: Grid, moved: Moved) -> float:
-    """The cost of maxima over boxes and segments, in operations (`sdhj.problem.cost`)."""
+    """The operations (`sdhj.problem.cost`) of maxima over the boxes and segments of all inputs."""
     each = [crossings(half / grid.spacing) * grid.spacing for first, _ in moved.runs() for half in moved.halves[first]]
     return operations(grid, moved.low, moved.high) + sum(operations(grid, points, points) for points in each)

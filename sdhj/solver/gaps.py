@@ -30,14 +30,16 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 
 
 class _Gaps(NamedTuple):
-    """How far the disturbance pushes along an axis in an interval, and how wide the gaps along it are; inf if none."""
+    """The least by which the disturbance pushes along an axis in an interval, and how wide the gaps along it are,
+    both in the axis's unit; inf if there are none.
+    """
 
     push: float
     width: float
 
 
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
-    """Advice where tubes may be separate pieces and the grid is too coarse to keep them apart; else empty.
+    """Advice, sentences, where tubes may be separate pieces and the grid is too coarse to keep them apart; else "".
 
     shifted : whether reach sets are computed by a shift or a formula, and not by differences.
     """
@@ -76,7 +78,11 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 
 
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """The gaps along the axes that inputs move the target along; empty if none lead past it."""
+    """The gaps at a step along the axes that inputs move the target along, by the axis; empty if none leads past it.
+
+    From random states in the middle of the target, for neighbouring displacements of the inputs: how far apart they
+    are, beyond what the target reaches between them, the disturbance's push taken off.
+    """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
     middle = _middle(problem, some, t)
@@ -96,7 +102,7 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     taken_off = np.max(push[state] / np.where(along, np.abs(e), np.inf), axis=1)
     taken_off *= np.where((moves[state, one] == 0).all(axis=1) | (moves[state, other] == 0).all(axis=1), 1, 2)
     longer = e * (1.0 + taken_off)[:, None]
-    ways = _way(problem, centres, longer, t) + _way(problem, centres, -longer, t)
+    ways = _share_inside(problem, centres, longer, t) + _share_inside(problem, centres, -longer, t)
     alone, widths = ways < 1.0, np.abs(longer) * (1.0 - ways)[:, None]
     if len(np.unique(state[alone])) < RARE * len(points):
         return {}
@@ -110,7 +116,8 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
 
 
 def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Neighbours among moves (M, K, axes): (pairs,) rows, and the places of the two of a pair, ascending.
+    """Pairs of neighbours among moves (M, K, axes), at most `MOST_PAIRS` drawn at random: the rows (pairs,), and the
+    places in K of the two of a pair, ascending, (pairs,) each.
 
     Two are neighbours if no third is nearer to both than they are to each other (Toussaint 1980).
     """
@@ -124,7 +131,9 @@ def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, Flo
 
 
 def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
-    """States (M, axes) at the nodes in the target that are as deep in it as all around them."""
+    """States (M, axes) at the nodes of the grid `some` of the target's axes that are in the target at time t and
+    as deep in it as all their neighbours.
+    """
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
     for axis in range(some.ndim):
@@ -133,8 +142,10 @@ def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
     return np.array(some.lower) + inside * some.spacing
 
 
-def _way(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
-    """How far the target goes on from states (M, axes) in it along e (M, axes), as a share of e, at most 1; (M,)."""
+def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
+    """How far the target at time t goes on from states `centres` (M, axes) in it along e (M, axes), as a share of
+    e, at most 1: (M,). By `PARTS` points of the way, linear between them.
+    """
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
     points = centres[:, None] + shares[:, None] * e[:, None]
     values = problem.target.level_set(grid.wrapped(points.reshape(-1, grid.ndim)), t).reshape(len(e), len(shares))

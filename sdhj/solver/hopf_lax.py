@@ -52,7 +52,7 @@ class Moved(NamedTuple):
     halves: FloatArray
 
     def runs(self) -> list[tuple[int, int]]:
-        """First and end of runs of inputs that have the same segments."""
+        """(first, end) of each run of successive inputs that have the same segments."""
         ends = np.cumsum([len(list(run)) for _, run in groupby(self.halves, key=lambda one: one.tobytes())]).tolist()
         return list(zip([0, *ends], ends, strict=False))
 
@@ -60,7 +60,9 @@ class Moved(NamedTuple):
 def maxima_over_sets(
     grid: Grid, values: FloatArray, moved: Moved, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """The maxima of `values` over x + what each input leads to, as `sdhj.problem.boxes.maxima`."""
+    """Yield the maxima of `values` (*shape) over x + what each input leads to (`moved`), some inputs at a time,
+    in their order; interpolation and wanted as for `sdhj.problem.boxes.maxima`.
+    """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
         return
@@ -74,9 +76,10 @@ def maxima_over_sets(
 def maximum_over_paths(
     grid: Grid, values: FloatArray, path: list[Moved], interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over x + all sets of a path), of which the first have the longest segments.
+    """Yield (j, max of `values` (*shape) over x + all sets of a path) for every input j, (*wanted nodes).
 
-    Between two sets the corners of boxes move on straight lines, within the smallest box that contains both.
+    path : what the inputs lead to at successive times, two at least, the longest segments first. Between two of them
+        corners of boxes move on straight lines, within the smallest box that contains both.
     """
     found: dict[int, FloatArray] = {}
     for one, other in pairwise(path):

@@ -19,14 +19,14 @@ from sdhj.solver.schemes import DTYPES, Scheme
 
 
 class Method(Protocol):
-    """The interface of a method for `solve`."""
+    """The interface of a method for `solve`: a name, and sets that `recursion` fills in."""
 
     @property
     def name(self) -> str:
-        """By which tables and files name it."""
+        """The name by which tables and files call it."""
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
-        """The empty sets of a problem, which `recursion` fills in."""
+        """The empty sets of a problem, which `recursion` fills in; progress: as for `solve`."""
 
 
 @dataclass(frozen=True)
@@ -63,18 +63,18 @@ class HJI(Options):
     name: ClassVar[str] = "hji"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where one does not fit."""
+        """Check the options; ValueError where `games` or `scheme` does not fit."""
         option("games", self.games, ("decomposed", "joint"))
         if not isinstance(self.scheme, Scheme):
             raise ValueError(f"scheme must be a sdhj.Scheme, for example Scheme(order=3), got {self.scheme!r}")
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options, for a table's details."""
+        """The options by name, plain values, those of the scheme among them: for a table's details."""
         return {"games": self.games} | vars(self.scheme)
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
-        """The solver of the games of one interval, on some axes of a problem, by default all.
+        """The games of one interval of a problem, on some axes, by default all.
 
         On a window of a grid: `counted`, by the axes, time steps of each input on the whole grid, and `wanted`, by the
         axis, the nodes whose values are needed.
@@ -82,7 +82,9 @@ class HJI(Options):
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled by `recursion`."""
+        """The tubes as level-set functions on the grid, to be filled by `recursion`. Checks memory, states the cost and
+        solves the avoid games; former : an earlier solve, of which what cannot differ is copied.
+        """
         return GridSets(problem, self, former)
 
 
@@ -122,21 +124,25 @@ class HopfLax(Options):
     name: ClassVar[str] = "lax"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where one does not fit."""
+        """Check the options; ValueError where `interpolation` or `dtype` does not fit."""
         option("interpolation", self.interpolation, INTERPOLATIONS)
         option("dtype", self.dtype, DTYPES)
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options, for a table's details."""
+        """The options by name, plain values: for a table's details."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
-        """The games on some axes; a formula has no time steps to be counted."""
+        """The games of one interval of a problem by the Hopf-Lax formula, on some axes, by default all; `window` as for
+        `HJI.on`, where `counted` is not used, as a formula has no time steps.
+        """
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled by `recursion`."""
+        """The tubes as level-set functions on the grid, to be filled by `recursion`; see `HJI.sets`. Warns where v does
+        not enter linearly and moves several axes, as its velocities are then replaced by a box.
+        """
         if problem.dynamics.is_cut:
             pieces = problem.dynamics.pieces
             cause = (

@@ -48,10 +48,11 @@ GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """The subspaces that drop one axis that no input drives; if there is no such axis, any one axis.
+    """The subspaces, axes that are kept, each of which drops one axis that no input drives; if there is no such axis,
+    any one axis.
 
     Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
-    py or px is dropped: the paper's two subspaces.
+    py or px is dropped: the paper's two subspaces. ValueError where the grid has one axis.
     """
     ndim, everything = problem.grid.ndim, tuple(range(problem.grid.ndim))
     if ndim == 1:
@@ -62,7 +63,9 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the velocity along each axis; (ndim,) bool."""
+    """Whether the choice of the input changes the drift along each axis, (ndim,) bool; all True where it is a
+    black box.
+    """
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
         return np.ones(problem.grid.ndim, np.bool_)
@@ -71,7 +74,7 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The subspaces as tuples of ascending axes.
+    """The subspaces as tuples of ascending axes; None: the `default_subspaces`.
 
     Raises
     ------
@@ -91,12 +94,16 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 
 
 class ProjectedGames:
-    """Games 2 and 3 on a collection of subspaces, back-projected and united; `inner` makes those of one."""
+    """Games 2 and 3 on a collection of subspaces, back-projected and united: inside the true ones.
+
+    problem, subspaces : the axes that each keeps. inner(axes) makes the games of one. `free` has, of each unsafe set
+        that was projected, the largest share of a subspace that its projection leaves free.
+    """
 
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games on subspaces, each played by `inner(axes)`."""
+        """Games of a problem on subspaces, axes that are kept, each played by `inner(axes)`."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
         # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
@@ -106,7 +113,7 @@ class ProjectedGames:
 
     @property
     def solved(self) -> int:
-        """PDEs so far, on all subspaces."""
+        """Number of PDEs solved so far, on all subspaces."""
         return sum(games.solved for games in self._games.values())
 
     @property
@@ -115,13 +122,15 @@ class ProjectedGames:
         return all(self.on(axes).shifted for axes in self.subspaces)
 
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
-        """The games on the subspace of some axes."""
+        """The games on the subspace of some axes; made once."""
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The cost of all inputs together, on all subspaces."""
+        """The operations of all inputs together, on all subspaces, of a reach game or an avoid game on these
+        axes. See `_OnAxes.operations`; raises `crossed`.
+        """
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
@@ -133,7 +142,9 @@ class ProjectedGames:
         return found
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
-        """s_p(x) = max over the dropped coordinates of s(x, w), shape of the subgrid."""
+        """s_p(x) = max over the dropped coordinates of s(x, w), values (*shape) on the whole grid, at the nodes
+        of the subgrid of `axes`.
+        """
         for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
             most = np.empty((math.prod(before), math.prod(after)), values.dtype)
@@ -144,7 +155,9 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Reach sets on the whole grid, inside the true ones: the union of those on subspaces."""
+        """Yield the reach sets of all inputs at once, as pieces on the subspaces: their union is inside the true
+        reach sets.
+        """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
         flat = np.empty(sum(map(math.prod, shapes)) + PAST, self.dtype)
@@ -160,14 +173,15 @@ class ProjectedGames:
         yield Pieces(0, grid, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j), on the whole grid, inside the true reach set."""
+        """Yield (j, Phi_j (*shape)) for every input, on the whole grid, inside the true reach set."""
         for some in self.grouped_reach_sets(values, step):
             yield from enumerate(some.of())
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """Avoid tubes inside the true ones, (L, *subgrid of problem.avoid_axes).
+        """Avoid tubes over the interval from `step`, inside the true ones, (L, *subgrid of problem.avoid_axes).
 
-        What one subspace keeps all of is solved on its own axes.
+        What one subspace keeps all of is solved on its own axes; else the tubes of the outer projections are united,
+        and it is noted in `free` how much these leave free.
         """
         problem = self.problem
         axes = problem.avoid_axes(unsafe_set)
@@ -195,12 +209,16 @@ class ProjectedGames:
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """The axes of each subspace among some axes; one that is part of another is left out, as it is looser."""
+        """The axes of each subspace among some axes; left out is what is empty, or part of another one, as that
+        is looser.
+        """
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
     def outer_projections(self, unsafe_set: UnsafeSet, axes: Axes, obstacle: FloatArray) -> dict[Axes, FloatArray]:
-        """-g_p(x) = max over the dropped coordinates of -g(x, w); notes how much of the space g_p leaves free."""
+        """-g_p(x) = max over the dropped coordinates of -g(x, w), by the axes that each subspace keeps, of an
+        obstacle function (*subgrid of `axes`); notes in `free` how much of the space g_p leaves free.
+        """
         projected = {}
         for keep in self._kept(axes):
             projected[keep] = obstacle.max(axis=tuple(i for i, axis in enumerate(axes) if axis not in keep))
@@ -208,24 +226,28 @@ class ProjectedGames:
         return projected
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
-        """Note the share of a subspace that is free of an unsafe set: the largest so far."""
+        """Raise `free`, of this unsafe set, to the share of a subspace that is free of it."""
         place = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
         self.free[place] = max(share, self.free.get(place, 0.0))
 
 
 class ProjectedSets(GridSets):
-    """`GridSets` whose table says how much the projections lose."""
+    """`GridSets` of method "projected": its table says how much the projections lose, which is found at the
+    beginning and warned of where it is all.
+    """
 
     games: ProjectedGames
 
     def __init__(self, *given: Any) -> None:
-        """The sets of `GridSets`, with warnings of projections that are empty."""
+        """The sets of `GridSets`; finds how much the projections lose (`lost`) and warns of those that are empty."""
         super().__init__(*given)
         self.lost = self._lost()
         tell(*self.empty())
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table, whose details say how much is lost (`_lost`), and "warnings": sentences."""
+        """The table of `GridSets`, whose details say how much is lost (`_lost`), and "warnings": sentences. Warns
+        where tubes never grow beyond the target.
+        """
         table, found = super().finish(details), self.empty()
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
             found = [Finding("the projected tubes never grow beyond the target: ", share, GROWN, ProjectionWarning)]
@@ -234,14 +256,14 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion.
+        """How much the projections lose, before the recursion; plays no game.
 
         Returns
         -------
         dict
-            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection
-            (a share; the largest over the steps). "free": for each unsafe set that had to be projected, the largest
-            share of a subspace outside its outer projection.
+            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection (a
+            share; the largest over the steps). "free": for each unsafe set that had to be projected, by its name, the
+            largest share of a subspace outside its outer projection.
         """
         games, problem = self.games, self.problem
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
@@ -257,18 +279,20 @@ class ProjectedSets(GridSets):
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
     def _name(self, place: int) -> str:
-        """The name of an unsafe set; of several with one name, its place too."""
+        """The name of the unsafe set at a place of problem.unsafe; of several with one name, its place too."""
         names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
         alone = names.count(names[place]) == 1
         return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
 
-    def _under(self, name: str) -> str:
-        """Of which inputs a set says so."""
+    def _of_inputs(self, name: str) -> str:
+        """The words " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
         part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
     def empty(self) -> list[Finding]:
-        """Subspaces that hold nothing of the target, and unsafe sets that fill them all."""
+        """Findings of subspaces that hold nothing of the target, and of unsafe sets whose projections fill them
+        all; nothing is warned of here.
+        """
         problem, names = self.problem, self.problem.grid.names
         found = []
         for axes, share in zip(self.games.subspaces, self.lost["target_kept"], strict=True):
@@ -289,14 +313,14 @@ class ProjectedSets(GridSets):
             if share == 0.0:
                 cause = (
                     f"the outer projection of the unsafe set {name!r} fills every subspace: everywhere some value of "
-                    "what was dropped is unsafe, so no input counts as safe" + self._under(name) + "; "
+                    "what was dropped is unsafe, so no input counts as safe" + self._of_inputs(name) + "; "
                 )
                 found.append(Finding(cause, share, "keep more of the axes it depends on", ProjectionWarning))
         return found
 
 
 def _listed(names: Sequence[str], axes: Sequence[int]) -> str:
-    """The names of some axes, joined by `and`."""
+    """The names of some axes, joined by " and "."""
     return " and ".join(names[axis] for axis in axes)
 
 
@@ -341,7 +365,7 @@ class Projected(Options):
     name: ClassVar[str] = "projected"
 
     def __post_init__(self) -> None:
-        """Check the inner method and the subspaces; ValueError where one does not fit."""
+        """Check the inner method and the subspaces, which become tuples; ValueError where one does not fit."""
         shown = reprlib.repr(self.inner)
         if not isinstance(self.inner, HJI | HopfLax) or getattr(self.inner, "games", "") == "joint":
             raise ValueError(f"inner must be a sdhj.HJI with decomposed games or a sdhj.HopfLax, got {shown}")
@@ -362,14 +386,16 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        """The tubes on the whole grid, by games on subspaces, to be filled by `recursion`."""
+        """The tubes on the whole grid, by games on subspaces, to be filled by `recursion`. ValueError where the
+        subspaces are not of the problem's grid.
+        """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
         return ProjectedSets(problem, OnSubspaces(self.name, options, self.inner, subspaces, problem.padded))
 
 
 class OnSubspaces(NamedTuple):
-    """The method on the subspaces of a problem, for `GridSets`."""
+    """The method "projected" on the subspaces of one problem, as `GridSets` takes it."""
 
     name: str
     options: dict[str, Any]
@@ -378,7 +404,9 @@ class OnSubspaces(NamedTuple):
     problem: ReachAvoidProblem
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games of the subspaces; of a problem of some axes only, those of the inner method."""
+        """The games on the subspaces; of another problem, that of an axis's ends, those of the inner method on
+        its whole grid.
+        """
         if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
             return self.inner.on(problem)
         return ProjectedGames(problem, lambda axes: self.inner.on(problem, axes), self.subspaces)

@@ -56,7 +56,9 @@ class TubeSets(Protocol):
         """Write the entry (step, 0): the target minus the unsafe sets."""
 
     def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within), from (step, within - 1) and (step + 1, within - 1)."""
+        """Write the entry (step, within), from (step, within - 1) and (step + 1, within - 1) and the avoid tubes
+        of the step.
+        """
 
     def stopped(self, step: int, within: int) -> bool:
         """Whether the entries (step, within) and (step, within - 1) are equal."""
@@ -69,7 +71,9 @@ class TubeSets(Protocol):
 
 
 def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
-    """A solve without a number of steps ended while a `share` of the state space was still changing."""
+    """The finding that a solve without a number of steps ended after so many `steps` while a `share` of the state
+    space was still changing; nothing is checked here.
+    """
     holds = (
         "the tube is safe for so many steps, not for ever"
         if problem.has_no_target
@@ -84,7 +88,8 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
 
 
 def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
-    """Most of a set that is to be safe for ever was lost while its boundary crept: the share that is left.
+    """The finding that more than half of a set that is to be safe for ever was lost after its boundary began to creep,
+    with the share that is left; None where it was not.
 
     shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
     """
@@ -106,7 +111,8 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill in all entries (Theorem 2): rows k from the last to the first, and in a row one more step to go at a time.
+    """Fill in all entries of `sets` for so many steps (Theorem 2): rows k from the last to the first, and in a row one
+    more step to go at a time.
 
     If nothing depends on time, one row is filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are
     (k, n) and (k, n - 1), and the entry is shared. A row with a shared entry may grow again, for example if the target
@@ -123,7 +129,7 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
-    """Upper estimate of the bytes that a solve on the grid needs at its peak.
+    """Upper estimate of the bytes that a solve on the grid, in memory, needs at its peak, with values of this dtype.
 
     It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
     """
@@ -144,7 +150,9 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
 
 def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
-    """The cost of a solve by the model of `sdhj.problem.cost`, with halos; None if games do not say it."""
+    """The cost of a solve by the model of `sdhj.problem.cost`, with halos; None if games do not say it. Warns
+    where a unit must be wrong (`check_crossing`). nbytes, disk : what it takes of memory and disk, passed on.
+    """
     problem, slabs = plan.problem, plan.layout.slabs
     games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
@@ -153,7 +161,9 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How much of a grid is gone through, slab by slab."""
+        """How much of a grid is gone through, slab by slab, halos included: 1 where `axis`, which is cut, is None
+        or there is one slab.
+        """
         n = 1 if axis is None or slabs == 1 else grid.shape[axis]
         return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
 
@@ -174,21 +184,23 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     return Cost(once + tubes * float(np.mean(each)), nbytes, tubes, once, crossed, why, disk)
 
 
-def nothing(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
-    """The avoid tubes where there is nothing to avoid."""
+def no_avoid_tubes(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
+    """The avoid tubes where there is nothing to avoid: -inf, on no axes, for each input and step."""
     count = len(problem.inputs)
     return AvoidTubes((), np.full(count, -np.inf, dtype), (), np.full((problem.most_steps, count), -np.inf, dtype))
 
 
 class InputRows:
-    """Inputs join tubes that stay clear of avoid tubes: the grid as `add_inputs` reads it.
+    """The grid and avoid tubes as `add_inputs` reads them, by which inputs join tubes.
 
     Rows are of the last axes, so many that whatever does not depend on all nodes of a row depends on none: what it says
     of a row is then one value, or a row that other rows of the grid may share.
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        """Join as many trailing axes to rows as the avoid tubes allow."""
+        """Join as many trailing axes of the grid to rows as the avoid tubes allow, up to half of the axes or
+        `LONG` nodes.
+        """
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -205,11 +217,13 @@ class InputRows:
         self.static_at, self.moving_at = (self._places(some, last) for some in axes)
 
     def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
-        """Values on the grid, or behind `lead` other axes, in rows."""
+        """Values on the grid, or behind `lead` other axes, in rows: (lead..., R, size), a view."""
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _places(self, axes: Axes, last: int = 1) -> FloatArray:
-        """For each part of the grid, of `last` last axes, the number of the part of a function on `axes` there."""
+        """For each part of the grid, the nodes of `last` last axes, the number of the part of a function on
+        `axes` there: (parts of the grid,), a new array.
+        """
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
         places = np.arange(math.prod(shape)).reshape(shape)
@@ -217,9 +231,10 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """Where `add_inputs` finds the lines of so many functions on some axes: begins, places, widths, nodes.
+        """begin, at, width and nodes as `add_inputs` takes them, for functions of `number` inputs that lie one behind
+        the other, on each of some `axes`.
 
-        A line of one piece on all axes is a row.
+        A line of one piece on all axes is a row. Found once for each.
         """
         if (axes, number) not in self._known_lines:
             last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)
@@ -233,7 +248,7 @@ class InputRows:
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:
-        """The rows (R,) that have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        """The numbers (R,) of the rows that have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
         axes, lead = self.grid.ndim - self.last, planes.ndim
         if axes > lead:  # lines
             planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
@@ -248,9 +263,11 @@ class InputRows:
         start: FloatArray,
         some: FloatArray | None = None,
     ) -> None:
-        """Unite `start` with the reach-avoid sets of some inputs to a tube, and mark these. See `add_inputs`.
+        """Unite `start` (*shape) with the reach-avoid sets of some inputs to `tube` (*shape), and mark in `marks`
+        (bytes, *shape) where these hold: in place, by `add_inputs`.
 
-        some : the rows in which that is done, by default all.
+        reach_sets : of these inputs; what of the avoid tubes at `step` is above them is added here. some : the rows in
+            which that is done, by default all.
         """
         behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
         if isinstance(reach_sets, Maxima) and behind % self.size:
@@ -278,14 +295,16 @@ class InputRows:
 
 
 def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
-    """The avoid tubes of a slab as inputs read them, and at which place those of the step are; of all if it is one."""
+    """The avoid tubes of a task's slab as `InputRows`, and at which place those of its step are in them. Of the
+    only slab they are kept and have those of all steps; of others they are read anew, the step's alone.
+    """
     layout, problem = plan.layout, plan.problem
     axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
     if layout.slabs == 1:
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
             joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
-            plan.kept["rows"] = InputRows(problem.grid, nothing(problem, plan.dtype) if joint else arrays.avoid)
+            plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
         arrays.read(name, place, layout.runs(name, task.slab))
@@ -295,7 +314,9 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
 
 
 def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[bool], str]:
-    """Do a task and write what comes of it: the task, what `_avoid` returns, and what the ledger is to be told."""
+    """Do a task on its slab and write what comes of it. Returns the task; whether a node is in danger, for each
+    avoid game; and what the ledger is to be told (the arrays' `write`).
+    """
     met: list[bool] = []
     if task.kind in plan.avoid:
         values, met = _avoid(plan, arrays, task)
@@ -305,7 +326,9 @@ def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[boo
 
 
 def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """The target minus the unsafe sets, on one slab; nothing is marked."""
+    """The entry (step, 0) on a task's slab: the target minus the unsafe sets, eroded by E, and no marks: [tube,
+    marks], as `arrays.write` takes them.
+    """
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
     tube, marks = arrays.buffers(task.written)
@@ -314,7 +337,9 @@ def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
 
 
 def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """Level-set functions united by the minimum, intersected by the maximum, on one slab."""
+    """An entry of Theorem 2 on a task's slab, as `arrays.write` takes it, [tube, marks]: level-set functions
+    united by the minimum, or without a target intersected with those of a step less by the maximum, and marks.
+    """
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
     before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
@@ -335,14 +360,18 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
 
 
 def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
-    """Whether reach sets have to be written out, to be changed."""
+    """Whether reach sets have to be written out on the grid, to be changed: on a padding, with a `Sensing`, or
+    where the games cannot hand them over in groups.
+    """
     return not hasattr(games, "grouped_reach_sets") or problem.padded is not problem or bool(problem.sensing)
 
 
 def _reach_sets(
     problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
 ) -> Iterator[Maxima | Pieces]:
-    """The reach sets of all inputs, on the grid and less what the box of `Sensing` may hide."""
+    """Yield the reach sets of all inputs for {values <= 0} at the end of the interval from a step, some at a
+    time: on the grid without its padding, and without memory eroded by the box E.
+    """
     if not written_out(problem, games):
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
@@ -352,9 +381,10 @@ def _reach_sets(
 
 
 def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatArray], list[bool]]:
-    """The avoid tubes of every input on one slab, or of all where they know nothing of the cut.
+    """The avoid tubes of every input on one slab, or of all where they know nothing of the cut: [tubes (L, *subgrid)],
+    eroded by E, the maximum over the dangers of the task's kind.
 
-    Returns of each game, too, whether any node is in danger.
+    Returns, too, for each game whether any node is in danger.
     """
     problem, layout, kept = plan.problem.padded, plan.layout, plan.layout.axes(task.kind)
     grid = problem.grid if layout.slabs == 1 else plan.slab(task.slab)
@@ -382,22 +412,26 @@ def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatAr
 
 
 class GridMethod(Protocol):
-    """A method that plays its games on the grid; `options` are for the details of the table, "dtype" for its arrays."""
+    """A method that plays its games on the grid, as `GridSets` takes it; `options` are for the details of the
+    table, "dtype" for its arrays.
+    """
 
     @property
     def name(self) -> str:
-        """By which tables and files name it."""
+        """The name by which tables and files call it."""
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Its options, by name."""
+        """Its options, plain values by name."""
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games of one interval of a problem."""
+        """The games of one interval of a problem, on its whole grid."""
 
 
 class Slabs(NamedTuple):
-    """How a solve is cut into slabs, where these come from and go to, and who works on them."""
+    """How a solve is cut into slabs (`plan`), where arrays lie, who does the tasks, and who is told of slabs that
+    are done.
+    """
 
     plan: Plan
     arrays: Memory | Store | None = None  # by default in memory
@@ -430,7 +464,9 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Check memory, state the cost, and compute the avoid tubes."""
+        """Compute the avoid tubes; where no `slabs` are given, first check memory, state the cost, and warn of
+        what the grid does not resolve.
+        """
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
@@ -447,12 +483,14 @@ class GridSets:
 
     @property
     def games(self) -> Any:
-        """The games on the whole grid, where there is one slab."""
+        """The games on the whole grid, those of the plan's only slab."""
         return self.plan.whole
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
-        """The plan of one slab, after the check of memory."""
+        """The plan of one slab in memory. MemoryError where a solve does not fit; states the cost (`begin`) and
+        warns of what the grid does not resolve.
+        """
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
         number = LookupTable.most_tubes(problem) if problem.steps else ENDLESS_STEPS
@@ -465,7 +503,9 @@ class GridSets:
         return plan
 
     def _avoid_tubes(self) -> None:
-        """Fill in the avoid tubes, of moving sets for each step, else once; warn of sets that no node ever meets."""
+        """Fill in the avoid tubes, of moving sets for each step, else once, or take them from the former solve;
+        warn of sets that no node is ever in danger of.
+        """
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
             if isinstance(self.arrays, Memory) and games and (same := self._known(kind)) is not None:
@@ -484,14 +524,18 @@ class GridSets:
                 tell(never_met(unsafe_set))
 
     def _known(self, kind: str) -> FloatArray | None:
-        """The avoid tubes of a kind that a former solve has."""
+        """The avoid tubes of a kind, "avoid_static" or "avoid_moving", that the former solve has if none of them
+        differs; else None.
+        """
         moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
         former, times = self.plan.former, self.problem.most_steps if moves else 1
         same = former.same(found, moves, times) if former else None
         return same if same is None or moves else same[0]
 
     def _do(self, task: Task) -> list[Any]:
-        """Have a task done on all slabs where it is not; what `_avoid` said of these."""
+        """Have a task done on all slabs where it is not done yet, and entered in the ledger. Returns for each of
+        these what `_avoid` said of danger.
+        """
         tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
         todo = [one for one in tasks if not self.arrays.there(one.written)]
         self.tick(len(tasks) - len(todo))
@@ -504,11 +548,13 @@ class GridSets:
         return found
 
     def goal(self, step: int) -> None:
-        """Write the entry (step, 0): S_k^N = L minus G."""
+        """Write the entry (step, 0), S_k^N = L minus G, on all slabs."""
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
     def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within), on all slabs."""
+        """Write the entry (step, within), on all slabs. Without a number of steps: MemoryError where it does not
+        fit, and notes `filled`, `changing` and `shares`.
+        """
         table, endless = self.table, self.problem.steps is None
         if endless:
             require(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
@@ -523,7 +569,9 @@ class GridSets:
             self.shares[within] = table.fraction(within=within)
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether an entry equals the one before; for ever, whether its boundary has settled."""
+        """Whether the entry (step, within) equals the one before, bit for bit. Without a number of steps, whether
+        its boundary has settled; notes when it first crept.
+        """
         if self.problem.steps is None:
             motion = self.table.motion(step, within)
             if self.creeping is None and motion <= CREEPING:
@@ -533,13 +581,15 @@ class GridSets:
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
-        """Let an entry be the one with a step less to go."""
+        """Let the entry (step, within) be the one with a step less to go, without solving it."""
         self.table.share(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table, settled where N is not given; its details tell the options and how many PDEs were solved."""
+        """The table, settled where N is not given; `details` join the options and counts of PDEs in its details.
+        Warns where it has not settled, or was worn down.
+        """
         table, endless = self.table, self.problem.steps is None
         if endless:
             share, motion = table.fraction(within=self.filled), table.motion(0, self.filled)

@@ -35,8 +35,12 @@ ABRUPT = 0.25  # of the change between two nodes: a level-set function that is f
 
 
 def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> None:
-    """Warn of unsafe sets that hide between nodes or are too thin, of level-set functions that jump at the edge, and of
-    what is no function of angles (`check_seams`). Sets on more nodes than `most` are not sampled."""
+    """Warn of unsafe sets that hide between nodes, are too thin or flat inside, of level-set functions that jump at the
+    set's boundary, and of what `check_seams` finds: of each set once, at `TIMES` times if it moves.
+
+    Sets on more nodes than `most`, and those with sampling="cell", are not looked at. What was found of a formula is
+    kept with it.
+    """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
@@ -56,8 +60,8 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
 def check_sets(problem: "ReachAvoidProblem") -> None:
     """Warn of what is wrong with sets and velocities, whatever the method does with them.
 
-    That is what `check_seams` finds, and unsafe sets that lie nowhere on the grid, or between its nodes only. Methods
-    on the grid ask `check_resolution`, and whether a node is ever in danger, instead.
+    That is what `check_seams` finds, and unsafe sets that no node is in at any time, or that hide between the nodes.
+    Methods on the grid call `check_resolution`, and see whether a node is ever in danger, instead.
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
@@ -67,7 +71,9 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
 
 
 def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
-    """Find an axis along which, without memory, an interval costs 2 E, as much as inputs change in it or more."""
+    """The finding of an axis along which, without memory, an interval costs 2 E, as much as the choice of the
+    input changes in it, or more; the first one, None where there is none. Velocities are those at random states.
+    """
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.remembers:
         return None
@@ -86,7 +92,9 @@ def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
 
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
-    """Warn of sets, also targets, that are cut off where a periodic axis closes, and of velocities that jump there."""
+    """Warn of sets, also targets, that are cut off where a periodic axis closes, of velocities that jump there,
+    and of a `Sensing` whose error costs more than inputs change (`_losing_to_error`).
+    """
     for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
@@ -94,14 +102,18 @@ def check_seams(problem: "ReachAvoidProblem") -> None:
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
-    """Some times of a problem, or the first alone."""
+    """At most `SPANS` + 1 times from 0 to the problem's last step, s; the first alone unless what is looked at is
+    `timed`.
+    """
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
 
 @lru_cache(maxsize=8)  # what moves is looked at many times
 def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
-    """Each periodic axis and points (M, ndim) just before its end, and where it begins anew: nodes and others."""
+    """For each periodic axis: its number, points (M, ndim) just before its upper end, and the same points at its
+    lower end. They are all nodes of the seam, where these are at most `most`, and `most` random ones.
+    """
     rng, found = np.random.default_rng(0), list[tuple[int, FloatArray, FloatArray]]()
     for axis in np.flatnonzero(grid.periodic).tolist():
         sides = [grid.nodes(k) if k != axis else np.zeros(1) for k in range(grid.ndim)]
@@ -123,7 +135,9 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
-    """Find a set that is cut off where a periodic axis closes: its level-set function differs in sign on both sides."""
+    """The finding that a set is cut off where a periodic axis closes, as its level-set function at time t differs
+    in sign on both sides by more than rounding; None where it is not.
+    """
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
         first, last = part.level_set(before, t), part.level_set(after, t)
@@ -142,7 +156,9 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
 
 
 def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
-    """Find velocities that jump where a periodic axis closes."""
+    """The finding that the least or the greatest velocity at time t jumps where a periodic axis closes; None
+    where none does, or where it is undefined.
+    """
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
         for j in range(len(problem.inputs)) if dynamics.reads[:, axis].any() else ():
@@ -166,7 +182,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 
 
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
-    """Find an unsafe set that no node is in at any time."""
+    """The finding that no node is in an unsafe set, at any of `SPANS` steps if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
         g = (
@@ -184,7 +200,12 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
 
 
 def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
-    """Find a part of the set that lies between the nodes; `so` says what follows."""
+    """The finding that part of an unsafe set lies between the nodes at time t: in a cell no corner of which, nor of its
+    neighbours, is in the set; None where no such part is found. so : what follows from it, in words.
+
+    The cells whose least corner is below half the largest changes from node to node are searched, for at most `SOUGHT`
+    values.
+    """
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
     bound, corners = sum(steepest(grid, values, axis) for axis in range(grid.ndim)) / 2, values
@@ -227,9 +248,10 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
 
 
 def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """Find a level-set function that jumps at the set's boundary.
+    """The finding that a level-set function jumps at the set's boundary at time t; None where it does not.
 
-    At zeros of the interpolant, the median of |g| / |change of g between the two nodes| is then `ABRUPT` or more.
+    At zeros of the interpolant along the edges, the median of |g| / |change of g between the two nodes| is then
+    `ABRUPT` or more.
     """
     grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
@@ -259,7 +281,10 @@ FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a ca
 
 
 def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """A level-set function that falls less than `FLAT` cells below zero and is flat from there on: how deep it is."""
+    """The finding that a level-set function falls less than `FLAT` cells below zero at time t and is flat from
+    there on, with how deep; None where it does not, where it is 0 in the whole set, where velocities do not
+    depend on the state, or the set is not sampled at "nodes".
+    """
     if problem.dynamics.stateless or unsafe_set.sampling != "nodes":
         return None
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
@@ -291,7 +316,10 @@ LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
 def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """A wall, three nodes along it or more, or a dot that is too thin: by its least thickness, in cells."""
+    """The finding of a wall, three nodes along it or more, or of a dot that is too thin for finite differences at
+    time t, with its thickness in cells and how many nodes would do; None where there is none, where velocities do
+    not depend on the state, or with sampling="steep".
+    """
     if problem.dynamics.stateless or unsafe_set.sampling == "steep":
         return None
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
@@ -333,7 +361,9 @@ def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) ->
 
 
 def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
-    """Thickness of the set along an axis, in cells, at the nodes where it is too thin, +inf elsewhere; (shape)."""
+    """Thickness of {values <= 0} along an axis, in cells, at the nodes of pieces of one or two nodes that lie
+    less than `DEEP` cells deep; +inf elsewhere; (*shape).
+    """
     last, before, after, further = (beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
     alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))
@@ -347,7 +377,9 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
 
 
 def check_crossing(problem: "ReachAvoidProblem", crossed: float) -> None:
-    """Warn where a unit must be wrong: in an interval `TURNS` times as many cells are crossed as all axes have."""
+    """Warn that a unit must be wrong if more cells are crossed in an interval than `TURNS` times those that all
+    axes have together.
+    """
     if crossed > TURNS * sum(problem.grid.shape):
         tell(
             Finding(

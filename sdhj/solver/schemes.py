@@ -114,7 +114,7 @@ class Scheme(Options):
     dtype: str = "float32"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where one is unknown or the CFL number is not in (0, 1]."""
+        """Check the options; ValueError where one is none of those allowed or the CFL number is not in (0, 1]."""
         for name, allowed in OPTIONS.items():
             option(name, getattr(self, name), allowed)
         cfl: Any = self.cfl
@@ -129,7 +129,9 @@ class Scheme(Options):
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells are crossed along each axis in `duration` at speeds (ndim,); ValueError above `MOST_STEPS`."""
+    """How many cells are crossed along each axis in `duration` s at speeds (ndim,): speed duration / spacing, (ndim,);
+    ValueError where one is above `MOST_STEPS`.
+    """
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
         raise too_fast(grid, speed, duration, max(cells), "cells to be crossed")
@@ -137,7 +139,7 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
 
 
 def too_restless(delta: float) -> ValueError:
-    """The error for velocities that change too fast within an interval to be sampled."""
+    """A ValueError to be raised for velocities that change too fast within an interval of delta s to be sampled."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
         "shorter delta, or include the vibration in the adversary's bounds"
@@ -146,7 +148,9 @@ def too_restless(delta: float) -> ValueError:
 
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
-    """The layout of a grid's functions for differences of some order."""
+    """The layout in which kernels read a function on the grid, for differences of some order; the same object for the
+    same arguments.
+    """
     *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
     ghosts = min(order, STENCIL_RADIUS)
     top, width = ghosts if grid.ndim > 1 else 0, nodes + 2 * ghosts
@@ -176,13 +180,17 @@ def layout_of(grid: Grid, order: int) -> Layout:
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
-    """The node that stands for one beyond an end: wrapped or, at a wall, the last one (constant extrapolation)."""
+    """The indices of the nodes that stand for `node`, indices beyond the ends too, along an axis: wrapped or, at a
+    wall, the last one (constant extrapolation).
+    """
     n = grid.shape[axis]
     return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
 
 
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """Arrange values (*grid.shape) as the kernels read them, with ghost nodes: an axis of the array for each."""
+    """A new array of values (*grid.shape) as the kernels read them by the layout: with ghost nodes before and
+    behind the last two axes, and an axis of the array for each of the grid.
+    """
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
     out[:, layout.top : rows - layout.top, g:-g] = values.reshape(planes, layout.rows, n)
@@ -196,7 +204,9 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
 
 
 def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy values without ghost nodes into the flat array `out`."""
+    """Copy values without their ghost nodes into the flat array `out`; padded : functions as `_padded` arranges
+    them by the layout, one behind the other.
+    """
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
     out.reshape(-1, layout.rows, layout.nodes)[:] = planes[:, rows, nodes]
@@ -205,7 +215,10 @@ def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
-    """Arrange parts (leading..., *grid.shape) as (parts, leading..., nodes); constant ones as one plane for all."""
+    """Arrange functions, parts (count, leading..., *grid.shape), as the kernels read them: (count, leading..., nodes
+    with ghosts); those that are constant, parts (count, leading...), as one plane that serves for all. leading : how
+    many axes stand between the two.
+    """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
         return np.ascontiguousarray(np.broadcast_to(np.asarray(parts)[..., None], (*shape, plane)), dtype)
@@ -216,7 +229,7 @@ def _field(
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as `stage` reads them."""
+    """Velocities as `stage` reads them (`_arranged`), kept with them where they keep such."""
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
@@ -225,14 +238,18 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
 
 
 def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
-    """Bytes of a box of velocities at all nodes, as `stage` reads it, with ghost nodes."""
+    """Bytes of a box of velocities at all nodes, lower and upper ones of all axes, as `stage` reads it, with ghost
+    nodes.
+    """
     layout = layout_of(grid, scheme.order)
     plane = (layout.rows + 2 * layout.top) * layout.width
     return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
 
 
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities in the kernels' layout: constants divided by dx, or arrays with ghost nodes and 1 / dx."""
+    """Velocities as `stage` reads them: (box,) divided by dx where they are constants; else (box, 1 / dx) or, coupled,
+    (box, 1 / dx, drift, gain), each with ghost nodes.
+    """
     spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
         return ((np.stack(box) / spacing).ravel().astype(dtype),)
@@ -249,7 +266,9 @@ def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) ->
 
 
 def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
-    """`given`, or what it is as a function of tau, arranged: a function of tau that remembers its last answer."""
+    """A function of tau with what `arrange` makes of `given`, or, if that is callable, of given(tau); it remembers its
+    last answer.
+    """
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
     arranged = arrange(given)
@@ -302,7 +321,9 @@ def evolve(
 
 
 def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
-    """The velocities of some inputs as `stage` reads them; None where they are not all of one kind."""
+    """The velocities of several inputs as `stage` reads them, with a leading axis for the inputs; None where they are
+    not all of one form, as a constant box beside one that depends on the state.
+    """
     terms = [_terms(grid, layout_of(grid, scheme.order), one, scheme.dtype) for one in velocities]
     if len({tuple(part.shape for part in term) for term in terms}) > 1:
         return None
@@ -320,10 +341,11 @@ def evolve_each(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """Solve the equation of `evolve` for many inputs at once: (L, *shape).
+    """Solve the equation of `evolve` for many inputs at once, from the same `values`: (L, *shape).
 
-    groups : of inputs with one number of time steps: which they are, their velocities from `together`, and that number.
+    groups : of inputs with one number of time steps: (which they are, their velocities from `together`, that number).
     scratch : arrays that are kept for the next call: fresh memory would cost half of the time on small grids.
+    duration, scheme, obstacle, planes : as for `evolve`.
     """
     out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
     for inputs, terms, steps in groups:
@@ -344,11 +366,16 @@ def _evolved(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """The solutions for `count` inputs whose velocities are terms(tau): (count, *shape), in `scratch` if given."""
+    """The solutions of `evolve` for `count` inputs, whose velocities at tau are terms(tau) as `stage` reads them:
+    (count, *shape). duration, scheme, obstacle, steps, planes : as for `evolve`.
+
+    scratch : where arrays to work in are kept for the next call, the result among them until then; None: new ones, for
+        one input. Tells the meter of each stage (`tick`).
+    """
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
-        """A grid function with ghost nodes, at most `most_on_padding`; empty for None."""
+        """A grid function with ghost nodes, at most `most_on_padding`, as kernels read it; no entries for None."""
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
@@ -363,7 +390,9 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage from tau = now to then: out = keep out + (1 - keep) (source + dt H), at least the obstacle."""
+        """One stage from tau = now to then, in place: out = keep out + (1 - keep) (source + dt H), at least the
+        obstacle.
+        """
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
@@ -378,7 +407,9 @@ def _evolved(
 
 
 def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
-    """The layout for each stage, which writes the planes that the stages behind it read."""
+    """Yield the layout for each stage of so many time steps in turn: it writes the planes that later stages read
+    so that `planes` are right in the end; all of them for None.
+    """
     if planes is None:
         return repeat(layout)
     found = list[Layout]()
@@ -399,7 +430,12 @@ def evolve_stopped(
     obstacle: Any = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """Solve where the adversary may stop up to `early` s before the end; nothing may depend on tau."""
+    """Solve the equation of `evolve` where the adversary may stop up to `early` s before the end, (*shape): Phi = max
+    over durations from duration - early to duration.
+
+    Nothing may depend on tau. Stopping is worth `values`, which are an obstacle for the first `early` s. steps : where
+    early is 0; velocities, scheme, obstacle : as for `evolve`.
+    """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)
         values = evolve(grid, values, velocities, early, scheme, obstacle=stop)
@@ -415,10 +451,11 @@ def _integrate(
     steps: int,
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Phi after some steps of `STAGES`, from `phi`, which may be written over as `work` is, and which of them is free.
+    """Phi after `steps` time steps of dt with these `stages` (of `STAGES`), and an array that is free: phi and work are
+    both written over.
 
     euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
-        result being that at `then`.
+    result being that at `then`.
     """
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):

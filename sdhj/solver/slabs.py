@@ -31,7 +31,9 @@ from sdhj.table.store import Arrays, Runs, Shapes, Slab
 
 
 class AvoidGame(NamedTuple):
-    """An avoid game in slabs."""
+    """How a danger's avoid game is played slab by slab: along which axis its grid is cut, where the problem's
+    nodes begin on it, and how many nodes beside a slab are played on, too.
+    """
 
     danger: Danger
     axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
@@ -42,7 +44,8 @@ class AvoidGame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """All that solving a slab takes beside its arrays; it is sent to other processes.
+    """How a solve is cut into slabs, and what games are played on them: all that solving a slab takes beside its
+    arrays. It is sent to other processes, without `kept`, what one process needs time and again.
 
     make : creates the games of one interval, as `sdhj.HJI.on` does.
     """
@@ -59,18 +62,20 @@ class Plan:
     kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
 
     def __reduce__(self) -> Any:  # without what was kept
-        """A plan is sent without the games that have been made."""
+        """Pickle the fields that are given; the games that have been made are not sent."""
         return Plan, tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     @cached_property
     def avoid(self) -> dict[str, list[AvoidGame]]:
-        """The avoid games by the array of their tubes: the same at all steps, or not."""
+        """The avoid games by the array of their tubes: "avoid_static", which are the same at all steps, and
+        "avoid_moving".
+        """
         kinds = {"avoid_static": False, "avoid_moving": True}
         return {name: [game for game in self.games if game.danger.moves == moves] for name, moves in kinds.items()}
 
     @cached_property
     def layout(self) -> Shapes:
-        """The shapes of the table's arrays, and how they are cut into slabs."""
+        """The shapes of the table's arrays, and how they are cut into slabs along `axis`."""
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
         width = self.width or self.problem.grid.shape[self.axis]
@@ -78,40 +83,46 @@ class Plan:
 
     @cached_property
     def whole(self) -> Any:
-        """The games of the only slab, which are not sampled each time."""
+        """The games on the whole, padded grid; made once. They are those of the only slab."""
         return self.make(self.problem.padded)
 
     def slab(self, number: int) -> Grid:
-        """A slab without its halo."""
-        return around(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
+        """The grid of slab `number`, without its halo."""
+        return slab_window(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
 
     def window(self, number: int) -> tuple[Grid, slice]:
-        """A slab with its halo, and where in it the slab is."""
-        return around(self.problem.grid, self.axis, self.layout.span(number), self.halo)
+        """The grid of slab `number` with its halo, and where along the cut axis of it the slab is."""
+        return slab_window(self.problem.grid, self.axis, self.layout.span(number), self.halo)
 
     def play(self, number: int) -> tuple[Grid, Any]:
-        """A slab with its halo, and the games on it."""
+        """The grid of slab `number` with its halo, and new games on it; of the only slab the problem's grid, and
+        `whole`, which are kept.
+        """
         if self.layout.slabs == 1:
             return self.problem.grid, self.whole
         window, kept = self.window(number)
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
-        """The games of an avoid game on a slab, and where in their tubes the slab is."""
+        """The games that an avoid game is played by on slab `number`, on its halo too, and the index of the slab in the
+        tubes that they return. Games that know nothing of the cut are played on all of their grid.
+        """
         problem, inside = game.danger.problem, game.danger.inside
         if problem is self.problem.padded and self.layout.slabs == 1:
             return self.whole, inside
         if game.axis is None:
             return self.make(problem), inside
         first, end = self.layout.span(number)
-        part, kept = around(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
+        part, kept = slab_window(problem.grid, game.axis, (game.begin + first, game.begin + end), game.halo)
         cut = game.danger.axes.index(self.axis)
         games = self.make(problem.on(part), counted=game.counted, wanted={game.axis: kept})
         return games, (*inside[:cut], slice(None), *inside[cut + 1 :])
 
 
 class Task(NamedTuple):
-    """A slab to be worked on."""
+    """What is to be computed and written on one slab: a tube (k, n), the target's entry (k, 0), or the avoid
+    tubes of a step. Places are those of tubes among the stored ones.
+    """
 
     kind: str  # "goal", "extend", "avoid_static" or "avoid_moving"
     step: int
@@ -122,25 +133,27 @@ class Task(NamedTuple):
 
     @property
     def array(self) -> str:
-        """The array that is written."""
+        """The name of the array that is written: "tubes", "avoid_static" or "avoid_moving"."""
         return "tubes" if self.kind in ("goal", "extend") else self.kind
 
     @property
     def written(self) -> Slab:
-        """The slab that is written."""
+        """The place in the arrays that is written."""
         return Slab(self.array, self.place, self.slab)
 
 
 # ---- how wide a halo is
 
 
-def depth(scheme: Scheme) -> int:
-    """Nodes that a time step of a scheme reads to each side."""
+def nodes_read_in_a_step(scheme: Scheme) -> int:
+    """How many nodes to each side a whole time step of a scheme reads: those of a stage times the number of stages."""
     return math.prod(scheme.reads)
 
 
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
-    """Time steps for each input, of games on some axes of the whole grid; nothing where each slab finds the same."""
+    """{axes: time steps for each input} that games of method "hji" on these axes take on the whole grid, a list (L,);
+    {} where each slab finds the same by itself: for other methods, and velocities that do not depend on the state.
+    """
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
     most = np.zeros(len(problem.inputs), np.int64)
@@ -154,34 +167,42 @@ def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[A
 
 
 def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
-    """Nodes beside a slab that `games.reach` needs."""
+    """How many nodes beside a slab, along `axis`, `games.reach` needs for right values on it. counted : see
+    `HJIGames.counted`.
+    """
     problem = games.problem
     if isinstance(games, HopfLaxGames):
         return nodes_read(float(games.reads[axis]))
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(depth(games.scheme) * steps, nodes_read(float(games.brought[axis]) / spacing))
+        reached = max(nodes_read_in_a_step(games.scheme) * steps, nodes_read(float(games.pushed[axis]) / spacing))
         return reached + nodes_read(float(drift) * games.duration / spacing)
-    return depth(games.scheme) * _most(games, games.axes, counted)
+    return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, games.axes, counted)
 
 
 def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
-    """Nodes beside a slab that `games.avoid` needs, on some axes."""
+    """How many nodes beside a slab, along `axis`, `games.avoid` needs for right values on it, played on `axes`. counted
+    : see `HJIGames.counted`.
+    """
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
         more = 2 * games.problem.interval(0).segments(axes).shape[1]  # as in `HopfLaxGames.reads`
         return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis] + more)
-    return depth(games.scheme) * _most(games, axes, counted)
+    return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, axes, counted)
 
 
-def _most(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
-    """Time steps of the input that needs most."""
+def _most_time_steps(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
+    """The time steps of the input that needs most, on some axes: from `counted` where it has them, else as the games
+    find.
+    """
     return max(1, *counted[axes]) if axes in counted else games.steps(axes, 0)
 
 
 def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
-    """An avoid game of a problem in slabs of an axis of its grid."""
+    """The avoid game `danger` of a problem, as the method plays it, cut into slabs along an axis of the problem's
+    grid: whole where its grid lacks that axis, else with the halo that it needs.
+    """
     if axis not in danger.axes:
         return AvoidGame(danger)
     whole, place = danger.problem, danger.axes.index(axis)
@@ -191,8 +212,10 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
     return AvoidGame(danger, cut, danger.inside[place].start or 0, halo, counted)
 
 
-def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
-    """The window of a slab with its halo, and where in it the slab is."""
+def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
+    """The window of a slab, the nodes span[0] to span[1] - 1 of an axis, with `halo` nodes on both sides, as far as the
+    grid goes; and the slice of the slab in it along the axis. Where a periodic window would meet itself it is the grid.
+    """
     (begin, end), n = (span[0] - halo, span[1] + halo), grid.shape[axis]
     if not grid.periodic[axis]:
         begin, end = max(begin, 0), min(end, n)
@@ -202,11 +225,11 @@ def around(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Gri
 
 
 def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: int = 12, times: int = 1) -> int:
-    """Bytes that the games of one interval on some grid take at their peak, from above.
+    """Upper estimate of the bytes that the games of one interval on `grid` take at their peak.
 
-    That is what is sampled, stages with their ghost nodes and shifted copies, so many arrays of the grid's size; and
-    velocities that depend on the state, which are kept for all inputs, at so many times, as far as they may; on small
-    grids all inputs are then solved at once (`HJIGames.groups`). Never is more stated for a smaller grid.
+    That is what is sampled; stages with their ghost nodes and shifted copies, as `arrays` arrays of the grid's size and
+    `dtype`; and velocities that depend on the state, which are kept for all inputs, at so many `times`, up to `KEPT`;
+    on small grids all inputs are solved at once (`HJIGames.groups`). Never is more stated for a smaller grid.
     """
     dynamics, axes, item, count = problem.dynamics, range(grid.ndim), np.dtype(dtype).itemsize, len(problem.inputs)
     found = grid.sampling_bytes + arrays * item * grid.size
@@ -222,14 +245,19 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
 
 
 def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
-    """Part of an array at the nodes of a window, around periodic ends too."""
+    """The block `place` of an array (its name: "tubes", ...) at the nodes of a window, around periodic ends too:
+    (*window.shape). A view where it is in one piece.
+    """
     first = getattr(window, "first", (0,) * window.ndim)
     runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
     return _around_ends(arrays, array, place, runs, getattr(window, "whole", window).shape)
 
 
 def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
-    """Part of a block whose runs may go past the upper end of a periodic axis: joined from pieces."""
+    """The part of a block (a place of an array, by its name) with nodes `runs`, (begin, end) of each axis of a
+    grid of shape `whole`; an end past the upper one of a periodic axis goes on at its lower one, where pieces are
+    joined to a copy.
+    """
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:
             parts = ((begin, whole[axis]), (0, end - whole[axis]))

@@ -20,10 +20,12 @@ NO_TAPES = program(()) * 3
 def prepared(
     problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
-    """A problem at a step as `sdhj.kernels` reads it, packed.
+    """All that compiled look-ups read of a problem at a step, packed into one `Tape` in their order.
 
-    axes : those of the avoid tubes. tapes : `tapes_of` the problem, or `NO_TAPES`. checks : whether the true sets
-    are looked at.
+    These are the grid and its ends, the instants of the check against the true sets, under which inputs each set is
+    unsafe, and tapes.
+    axes : those of the static and of the moving avoid tubes, two int arrays. tapes : `tapes_of` the problem, or
+    `NO_TAPES`. checks : whether the true sets are looked at; if not, there are no instants.
     """
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
@@ -40,12 +42,15 @@ def prepared(
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
-    """Whether a set is unsafe under some inputs only."""
+    """Whether some set of a problem is unsafe under some inputs only."""
     return any(part.inputs is not None for part in problem.unsafe)
 
 
 def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
-    """Tapes of the paths under all inputs, of the unsafe sets and of the target, on state and time."""
+    """The arrays of three programs on state and time: the paths under all inputs, the unsafe sets and the target.
+
+    The first is empty where there is no formula of the paths, the others where there are no such sets.
+    """
     ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
     unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
@@ -53,7 +58,10 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
 
 
 def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
-    """A level-set function of the whole state and, as one more coordinate, the time."""
+    """The level-set function of a set, which reads its own axes, as a graph that reads the whole state.
+
+    The time is one more coordinate, of number `time`.
+    """
 
     def put(one: Node) -> Node | None:
         """A leaf of the set's function as the coordinate of the state that it is; the time as coordinate `time`."""
@@ -62,10 +70,14 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
     return rebuilt(part.level_set.outputs, put)[0]
 
 
-def settle(table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> None:
-    """Choose the best inputs of some rows of a batch by the true sets: `sdhj.kernels.lookup.decide` for any sets.
+def choose_by_true_sets(
+    table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
+) -> None:
+    """Check some rows of a batch by the true sets, in Python as `sdhj.kernels.lookup.decide` does in compiled code.
 
-    ends (4 + K, L, ndim, 1 or R), scores (M, L) and checks are those of `decide`.
+    For level-set functions of any kind. Writes into the batch: `best`, the input of least score that passes; inputs
+    that fail are no longer safe, and states in an unsafe set or outside the target get other steps_to_go.
+    rows (R,) : of the batch. ends (4 + K, L, ndim, 1 or R), scores (M, L) and checks are those of `decide`.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]

@@ -14,9 +14,10 @@ ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time
 
 
 def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
-    """The tube of the step that it is time for, interpolated between its values at the nodes; 1 at other times.
+    """A level-set function (points (M, ndim), t) -> (M,): at a sampling time t_k the tube of step k, interpolated.
 
-    values : of each step, shape grid.shape; of one, if nothing depends on time.
+    At other times it is 1: nothing is inside. If nothing depends on time it is the one tube at any time.
+    values : the tubes at the nodes, each of grid.shape, of the steps 0 to N; one, if nothing depends on time.
     """
     tubes = [_tube(problem.grid, one) for one in values]
 
@@ -33,7 +34,7 @@ def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Ca
 
 
 def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Values at the nodes, interpolated at points (M, ndim); beyond bounded axes something above 0."""
+    """The function of points (M, ndim) that interpolates values (grid.shape); beyond bounded axes max(1, values)."""
     beyond = max(float(values.max()), 1.0)
     periodic, spacing = np.array(grid.periodic), np.array(grid.spacing)
     table = gridded(np.pad(values, [(0, int(turns)) for turns in periodic], mode="wrap"), grid.lower, spacing)

@@ -18,7 +18,7 @@ from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
 from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.ahead import NO_TAPES, prepared, settle
+from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, prepared
 from sdhj.table.as_sets import interpolated
 from sdhj.table.explaining import Explanation, explain_on_grid
 
@@ -77,7 +77,7 @@ class Batch(NamedTuple):
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
-        """The same with read-only arrays."""
+        """This batch with read-only arrays."""
         return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
 
     @property
@@ -87,7 +87,10 @@ class Batch(NamedTuple):
 
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Position of (start, within) in a list of all entries: the rows of Fig. 8 one after the other."""
+    """Position of (start, within) in a list of all entries, the rows of Fig. 8 one after the other.
+
+    It is k (N + 1) - k (k - 1) / 2 + n; arrays of starts or withins give arrays.
+    """
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
 
@@ -211,20 +214,27 @@ class Table:
     # ---- sets
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points, t) of the tube within so many steps, or all: see `TargetSet.from_table`."""
+        """Level-set function of the tube within so many steps, by default all: (points (M, ndim), t) -> (M,).
+
+        At t_k it is the tube of step k, interpolated, at other times 1, unless nothing depends on time. ValueError if
+        `within` is none from 0 to N.
+        """
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
         return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start."""
+        """The pair (start, within); a `within` that is None or above N - start becomes N - start.
+
+        ValueError if start is none from 0 to N, or within no whole number from 0 on.
+        """
         steps = self.steps
         start = whole("start", start, least=0, most=steps)
         left = steps - start
         return start, left if within is None else min(whole("within", within, least=0), left)
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """Position of the tube (start, within) among the stored ones."""
+        """Position of the tube (start, within), clipped and checked by `clipped`, among the stored ones."""
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -314,7 +324,7 @@ class Table:
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
-        """To be implemented: `fraction`."""
+        """To be implemented: the share of the grid's volume in the tube (start, within), from 0 to 1."""
         raise NotImplementedError
 
     # ---- states
@@ -356,7 +366,7 @@ class Table:
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """The answers for states (M, ndim) that have been checked, and that nobody writes.
+        """The answers for states (M, ndim) that have been checked, and that nobody writes; otherwise as `batch`.
 
         scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
         """
@@ -374,22 +384,27 @@ class Table:
         return batch
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows of a batch, as `sdhj.kernels.lookup.decide` does; checks: `TRUE_SETS_TOO` or
-        `TRUE_SETS_ONLY`.
+        """Fill in some rows (R,) of a batch: `best` is the safe input of least score (M, L) that the true sets pass.
+
+        checks : `TRUE_SETS_TOO`: all is found by the tubes first; `TRUE_SETS_ONLY`: what is in the batch is only
+        checked.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
         if checks == TRUE_SETS_TOO:
             self._answer(batch, rows, ends)
-        settle(self, batch, rows, ends, scores, checks)
+        choose_by_true_sets(self, batch, rows, ends, scores, checks)
 
     @cached_property
     def normals(self) -> FloatArray | None:
-        """Normals of the planes that inputs lead between (`Interval.normals`); None where there are none."""
+        """Normals (K, ndim) of the planes that inputs lead between (`Interval.normals`); None if none, or if proved."""
         normals = self.problem.interval(0).normals
         return normals if normals.size and not self.proved else None
 
     def packed_at(self, step: int) -> Tape:
-        """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps."""
+        """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps; kept for the next.
+
+        If nothing depends on time, one for all steps but the last. Above `MOST_KNOWN` bytes all are forgotten.
+        """
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step
         if (found := self._packed.get(place)) is None:
             if sum(one.floats.nbytes for one in [*self._packed.values()]) > MOST_KNOWN:
@@ -399,13 +414,14 @@ class Table:
 
     @cached_property
     def _packed(self) -> dict[int, Tape]:
-        """The tapes that `packed_at` has made, by the step."""
+        """The tapes that `packed_at` has made and keeps, by the step."""
         return {}
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """To be implemented: fill in some rows of a batch from the tubes; `ends` (`Interval.ahead`) of those rows.
+        """To be implemented: fill in some rows (R,) of a batch from the tubes, before the true sets are looked at.
 
-        Without a target steps_to_go is 0 for states in the tube.
+        ends (4 + K, L, ndim, 1 or R) : what inputs lead to from these rows (`Interval.ahead`). Without a target
+        steps_to_go is 0 for states in the tube.
         """
         raise NotImplementedError
 
@@ -426,11 +442,13 @@ class Table:
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Between what points a controller goes on that remembers, and how far off measurements may be: (M, ndim).
+        """The box in which a controller that remembers goes on, and how far from it the next measurement may be.
 
-        Of the last one also (ndim,). It is 2 E, or E where the state is known to be at a wall.
+        Its lower and upper corners, (M, ndim) each: where the undisturbed paths end, for the longest and the shortest
+        interval, widened by `problem.error_growth` and clipped to the grid. Last 2 E, (ndim,) or (M, ndim): E of the
+        prediction and E of the point; E alone where the state is known to be at a wall.
 
-        points, inputs (M,), step : what it carried to a step, and the inputs that it applied then.
+        points (M, ndim), inputs (M,), step : what it carried to a step, and the inputs that it applied then.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still, (longest, early) = (
@@ -467,8 +485,10 @@ class Table:
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
-        It is point 6 of `notebooks/site/queries.md`, `left` (M,) being the steps to go then. What is past a safe end no
-        longer matters. Proved tables pass every input.
+        It passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at the
+        interval's end, at the corners of what it can lead to; and if the target holds these corners where `left` (M,),
+        the steps to go then, is 0 (point 6 of `notebooks/site/queries.md`). What is past a safe end no longer matters.
+        Proved tables pass every input.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
@@ -507,7 +527,7 @@ class Table:
         return self._hazards(states_array("states", states, self.grid.ndim), step)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """To be implemented: `hazards`."""
+        """To be implemented: the values (M, L) of the avoid tubes of a step at states (M, ndim), as `hazards` says."""
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
@@ -546,7 +566,7 @@ class Table:
         return self._values_at(points, step, within)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """To be implemented: `values_at`."""
+        """To be implemented: values (M, V) at points (M, V, ndim) of the tubes (step, within[m]), checked before."""
         raise NotImplementedError
 
     # ---- to be implemented
@@ -557,11 +577,11 @@ class Table:
         raise NotImplementedError
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Level-set function of a tube at the nodes, shape grid.shape; see `LookupTable.values`."""
+        """Level-set function of the tube (start, within) at the nodes, or cells, <= 0 inside: array of grid.shape."""
         raise NotImplementedError
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe at each node, bool, shape grid.shape + (L,); see `LookupTable.inputs`."""
+        """Which inputs are safe and make progress in a tube at each node, or cell: bool, grid.shape + (L,)."""
         raise NotImplementedError
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -575,7 +595,7 @@ def threads() -> int:
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` once for every row of states (M, ndim), in chunks and on all cores if there are many."""
+    """Call `work(rows)` for parts (R,) of the row numbers of states (M, ndim), each once; many on all cores at once."""
     if len(states) <= CHUNK:
         if len(states):
             work(np.arange(len(states)))
@@ -586,7 +606,7 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
-    """An order in which states of neighbouring cells, which read the same nodes, come together.
+    """An order (M,) of states (M, ndim) in which those of neighbouring cells, which read the same nodes, are together.
 
     Cells are merged until their numbers fit into 16 bits, which are sorted ten times as fast.
     """

@@ -36,10 +36,11 @@ class Fallback:
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For states (M, ndim) the input of the deepest avoid tube, the steps promised and that tube's value: each (M,).
+    """For states (M, ndim) the input whose avoid tube is deepest, for how many steps it is promised to stay clear (0 or
+    1), and the value of that tube: each (M,), as in `Fallback`.
 
-    Inputs that fail `Table.passes` come last. Among equally deep tubes, as where nothing is unsafe, the input of the
-    least margin is chosen (`_margins`).
+    Inputs that fail the check against the true sets come last. Among equally deep tubes, as where nothing is unsafe,
+    the input of the least margin is chosen (`_margins`). ValueError if step is none from 0 to N - 1.
     """
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
@@ -57,7 +58,10 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """The largest value of the tube with all steps left, at the corners of what each input can lead to."""
+    """For states (M, ndim) and each input the largest value of the next step's tube with all steps left: (M, L).
+
+    It is looked for at the corners of the box that the input can lead to in the interval from `step`.
+    """
     sides = _sides(table.grid.ndim)
     ends = states[:, None, None] + table.problem.interval(step).reaches(states, sides)  # (M, L, corners, ndim)
     left = np.full(len(states), table.steps - step - 1)
@@ -108,7 +112,10 @@ def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
 
 
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """The wanted inputs as commands (count, m), and their indices (count,) if they were given as indices."""
+    """What was wanted as commands (count, m), and as indices (count,) if indices were given, else None.
+
+    inputs (L, m) : the problem's. given : one index or command for each of `count` states. ValueError if it is neither.
+    """
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
             raise ValueError(f"wanted must be indices from 0 to {len(inputs) - 1}, got {given.tolist()}")

@@ -42,7 +42,7 @@ class NotAdmissible(ValueError):
 
 
 def _done(state: FloatArray, step: int) -> str:
-    """What is to be said of a state (ndim,) in the target that no input is proved to bring back into it."""
+    """The message of an error about a state (ndim,) in the target that no input is proved to bring back into it."""
     return (
         f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
         "target one step later; the task is done, or use fallback()"
@@ -127,7 +127,7 @@ class Controller:
     remembered: tuple[FloatArray, int] | None = None  # the point and the step that it was an answer to
 
     def __init__(self, table: Table, rule: str | Rule = "deepest") -> None:
-        """ValueError if `table` is none, or the rule is unknown."""
+        """A controller that has answered nothing yet; ValueError if `table` is none, or the rule is unknown."""
         if not isinstance(table, Table):
             raise ValueError(f"table must be what sdhj.solve returns, got {type(table).__name__}")
         if not (callable(rule) and not isinstance(rule, type)) and not (isinstance(rule, str) and rule in RULES):
@@ -289,20 +289,26 @@ class Controller:
         return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
 
     def _at(self, step: int | None) -> int:
-        """The step of a query; ValueError where it is left out and the answer depends on time."""
+        """The step of a query, 0 where it is left out; ValueError where it is and the answer depends on time."""
         if step is None and self.timed:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
     def _within(self, step: int) -> int:
-        """The steps to go by which inputs are judged where they are more than the fewest."""
+        """The `within` of `Table.batch` for queries of a step: all steps left for a rule with `all_left`, else 1.
+
+        ValueError, for such a rule, if step is none from 0 to N.
+        """
         steps = self.table.steps
         return max(steps - whole("step", step, least=0, most=steps), 1) if self.all_left else 1
 
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None
     ) -> Batch:
-        """The answers for one state, checked first."""
+        """The answers for one state q (ndim,), a batch of M = 1; ValueError if q or step does not fit.
+
+        within, scores (1, L) : as in `Table.answers`; `within` is by default `_within(step)`.
+        """
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
             raise ValueError(f"a state must have shape {(ndim,)}, got {state.shape}; for many states use batch()")
@@ -312,14 +318,14 @@ class Controller:
         return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
-        """The answers for one state; NotAdmissible, with the reason, where no tube contains it."""
+        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it."""
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
         return batch
 
     def _explain(self, states: FloatArray, step: int) -> str:
-        """Why a state (1, ndim) is not admissible, and what helps, in a sentence."""
+        """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
         if self.table.proved and self._in_target(states[0], step):
             return _done(states[0], step)
@@ -501,9 +507,10 @@ class Controller:
         return self.last
 
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
-        """Which sampling time a time is nearest to, by how much it is later, s, and whether the loop missed its clock.
+        """The sampling time k nearest to a time, s, by how much `time` is later, s, and whether a deadline was missed.
 
-        ValueError where it is none of the table's, or has been answered.
+        It was if `time` is off by more than the jitter, or if the last measurement answered was not that of k - 1.
+        ValueError where k is none of the table's, or has been answered.
         """
         problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
@@ -517,7 +524,10 @@ class Controller:
         return k, late, abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time) or k != after + 1
 
     def _in_target(self, state: FloatArray, step: int) -> bool:
-        """Whether a state (ndim,) is known to be in the target, clear of the unsafe sets, whatever its cell is."""
+        """Whether a state (ndim,) is in the true target and clear of the true unsafe sets, whatever its cell is.
+
+        False off the grid, without a target, and with sensing, where the true state is not known.
+        """
         problem, t, points = self.problem, self.problem.time(step), self.problem.grid.wrapped(state[None])
         if problem.has_no_target or problem.sensing or problem.grid.beyond(points, "fails", "holds", "frees")[0]:
             return False
@@ -526,7 +536,7 @@ class Controller:
     # ---- many states
 
     def batch(self, states: FloatArray, step: int | None = None) -> Batch:
-        """`steps_to_go` and `safe_inputs` of many states at once, on all cores.
+        """Steps to go, safe inputs and margins of many states at once, computed on all cores.
 
         Parameters
         ----------
@@ -625,7 +635,10 @@ class Controller:
         return Filtered(*(field[0] for field in answer) if single else answer)
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
-        """`filter` of one state and one index or command, where a proved table has a safe input: in half the time."""
+        """The answer of `filter` for one state q (ndim,) and one index or command of a proved table, in half the time.
+
+        None, and the general way is to be taken, where no input is safe or `wanted` is not a valid int or float array.
+        """
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
             wanted = plain_array("wanted", wanted)
@@ -700,10 +713,11 @@ class Controller:
         return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
-        """The scores (M, L), for ever only of the inputs that keep a reserve: of equals the deepest is chosen.
+        """The scores (M, L); for ever, on a grid, of the inputs that keep a reserve, and `otherwise` for all others.
 
-        The reserve is a distance, and lasts until its very last step; what is left of the depth says how much room
-        there still is to turn aside. An input keeps it if value <= DEPTH_KEPT * (the least value of the safe inputs).
+        An input keeps it if margin <= -RESERVE and value <= DEPTH_KEPT * (the least value of the safe inputs). The
+        margin is a distance, and lasts until its very last step; what is left of the depth says how much room there
+        still is to turn aside.
         """
         if batch.game is None:
             return scores

@@ -34,7 +34,7 @@ LEAST_WEIGHT = 1e-3  # of the nodes in the tube around a state, for the cost to 
 
 @dataclass(frozen=True)
 class _Cost:
-    """What is added up along a run, or the largest of which counts.
+    """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end.
 
     of : the cost of an interval, for each of P candidates (P,).
     end : the cost at the end of a run, for states (M, ndim) at a time.
@@ -49,12 +49,12 @@ class _Cost:
 
 
 def _effort(among: Candidates) -> FloatArray:
-    """|u|^2 delta."""
+    """|u|^2 delta of each of P candidates: (P,)."""
     return among.problem.delta * np.square(among.problem.inputs).sum(axis=1)[among.inputs]
 
 
 def _distance(among: Candidates) -> FloatArray:
-    """How far from the target the interval ends, times delta."""
+    """max(g(q'), 0) delta of each of P candidates, g the target's level-set function and q' the successor: (P,)."""
     far = among.problem.target_value(among.successors, among.problem.time(among.step + 1))
     return among.problem.delta * np.maximum(far, 0.0)
 
@@ -118,7 +118,7 @@ class CostToGo:
     all_left = True
 
     def __init__(self, table: Table, cost: str | Rule, progress: bool | None = None) -> None:
-        """Compute J, from the last step back."""
+        """Compute J at all nodes, from the last step back; ValueError and MemoryError as the class says."""
         judge = Controller(table, rule=self)
         if not callable(cost):
             option("cost", cost, tuple(COSTS))
@@ -145,7 +145,10 @@ class CostToGo:
         read_only((self._values,))
 
     def _at(self, judge: Controller, states: FloatArray, step: int) -> FloatArray:
-        """J of states (M, ndim) at a step, inf off the tube: (M,)."""
+        """J of states (M, ndim) at a step, inf off the tube: (M,). Needs J of the next step at the nodes.
+
+        judge : a controller with this rule, whose table and scores are asked.
+        """
         problem, last = self.problem, step == judge.table.steps
         batch = judge.batch(states, step)
         out = np.full(len(states), np.inf)
@@ -158,7 +161,11 @@ class CostToGo:
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
-        """c_k(q, u) and J_{k+1}(q') of P candidates, added up or the larger: (P,)."""
+        """The scores of P candidates: c_k(q, u) and J_{k+1}(q'), added up or the larger of the two: (P,).
+
+        inf where the nodes around q' know no J; past a safe end J is what the cost says of it. ValueError for
+        candidates of another problem, and where costs that are added up have a NaN or -inf.
+        """
         if candidates.problem is not self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
         ends = candidates.successors
@@ -175,5 +182,5 @@ class CostToGo:
         return np.asarray(joined)
 
     def __repr__(self) -> str:
-        """As errors name it."""
+        """The class and the name of the cost, as in errors."""
         return f"<CostToGo, {self.name}>"

@@ -66,7 +66,7 @@ class Explanation:
 
 
 def entry_named(table: Any, step: int, within: int) -> str:
-    """A tube of a table in words."""
+    """Which tube (step, within) is, in words that follow on "the tube": its step and its steps to go."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
@@ -86,7 +86,11 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 
 
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
-    """See `sdhj.table.batches.Table.explain`."""
+    """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
+
+    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first.
+    A `within` of None, or above N - step, is N - step. ValueError if q or step does not fit.
+    """
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
     if says := refuted(table, state, step, within):
@@ -134,7 +138,11 @@ def _failure(
     margin: float,
     ends: FloatArray,
 ) -> Failure:
-    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked."""
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked.
+
+    state (1, ndim); left : the steps to go after the interval; hazard : the value of the input's avoid tube; margin :
+    the largest of the next tube; ends (P, ndim) : corners of what it may lead to, relative to the state.
+    """
     if hazard > 0:
         name, when = _nearest(table, state, j, ends, step)
         says = f"it may meet {name} about {when:.3g} s later: the level of its avoid tube is {hazard:.3g} > 0"
@@ -148,9 +156,10 @@ def _failure(
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The unsafe set or the end of an axis that input j comes nearest to, and after how many seconds.
+    """The name of the unsafe set or of the end of an axis that input j comes nearest to, and after how many seconds.
 
-    It is looked for on the lines from the state to the ends (P, ndim) that the input may lead to, relative to it.
+    Nearest is the least level-set value, or distance to an end, on the lines from the state (1, ndim) to the ends
+    (P, ndim) that the input may lead to, relative to it, at `INSTANTS_TRIED` instants of the interval.
     """
     problem, grid = table.problem, table.grid
     best = np.inf, "the unsafe ends of the grid", 0.0

@@ -68,7 +68,7 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A temporary path to write to, beside `path`; the file replaces `path` at the end, or is deleted after an error.
+    """A context with a temporary path beside `path`; its file replaces that of `path` at the end, errors apart.
 
     No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
     OSError, with what to do, if nothing can be written there.
@@ -94,7 +94,10 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """An empty file in the folder of `path`, deleted at the end."""
+    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end.
+
+    OSError, with what to do, if it cannot be made.
+    """
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     TEMPORARIES.add(temporary)
     try:
@@ -110,14 +113,20 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: Named) -> Path:
-    """The path of a file; OSError, with what to do, if it cannot be written. Its folder must exist."""
+    """The path of a file, links followed; OSError, with what to do, if it cannot be written. Its folder must exist.
+
+    ValueError if `path` is no name. Nothing is left in the folder by trying.
+    """
     path = _regular(path)
     probed(path.parent, path.name)
     return path
 
 
 def _regular(path: Named) -> Path:
-    """The file that a name refers to, links followed; OSError if the name is that of something else than a file."""
+    """The path that a name refers to, links followed: of a regular file, or of nothing yet.
+
+    ValueError if `path` is no name, OSError if it is that of a folder, a device or a pipe.
+    """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
     try:
@@ -152,10 +161,10 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 @contextmanager
 def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.File]:
-    """An HDF5 file to which the class of a table writes its arrays; keywords are added to the head.
+    """A context with an open HDF5 file to which the class of a table writes its arrays; the file is written at its end.
 
-    It is built in memory and then written to disk, in place of an older one, because the HDF5 library does not survive
-    a full disk. OSError if it cannot be written.
+    head : entries that are added to the head of the file. It is built in memory and then written to disk, in place of
+    an older one, because the HDF5 library does not survive a full disk. OSError if it cannot be written.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
@@ -182,7 +191,7 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
 
 
 def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The head of a table's file: everything but the arrays."""
+    """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays."""
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -224,14 +233,18 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
 
 
 def fits(found: tuple[int, ...], shape: Lengths) -> bool:
-    """Whether a shape is one of those allowed."""
+    """Whether a shape is one of those allowed: on each axis a length, or a set of lengths."""
     allowed = [one if isinstance(one, set) else {one} for one in shape]
     return len(found) == len(allowed) and all(n in some for n, some in zip(found, allowed, strict=True))
 
 
 @contextmanager
 def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """The head of a file, as `checked_head` returns it, and its arrays; errors on the way become TableFileError."""
+    """A context with the head of a table's file, as `checked_head` returns it, and its open arrays.
+
+    FileNotFoundError or OSError if it cannot be read, MemoryError if its arrays do not fit; whatever else goes wrong,
+    also inside the context, becomes a TableFileError.
+    """
     path = _regular(path)
     try:
         stream = open(path, "rb")
@@ -240,7 +253,7 @@ def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
     except OSError as error:
         raise type(error)(f"cannot read {path}: {error.strerror}; check the permissions") from error
     with stream:
-        text = _whole(path, stream)
+        text = _head_text(path, stream)
         try:
             head = checked_head(json.loads(text))
             with h5py.File(stream, "r") as file:
@@ -269,8 +282,11 @@ def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
         raise ValueError(f"its array index must have {' or '.join(map(str, sorted(allowed)))} entries, got {shape[0]}")
 
 
-def _whole(path: Path, stream: BufferedReader) -> bytes:
-    """The head of a file, as text, after checking that the file's bytes are those that were written."""
+def _head_text(path: Path, stream: BufferedReader) -> bytes:
+    """The head of a file, as JSON text, after checking that the file's bytes are those that were written.
+
+    stream : the file at its beginning. TableFileError for another version or a wrong digest.
+    """
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
     if version and int(version[1]) != FORMAT_VERSION:
@@ -312,7 +328,10 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
-    """The tables that formulas look up, and the values of black boxes, by name."""
+    """The tables that formulas look up and the values of black boxes in a file, by name, such as "tables/0".
+
+    ValueError where a group is none, or an array is not float64 or too large.
+    """
     found: dict[str, FloatArray] = {}
     for group in ("tables", "opaque"):
         if file.get(group, getlink=True) is None:
@@ -329,9 +348,10 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that a file describes, or `problem`; TableFileError if that is another one, or is needed.
+    """The problem that the head and the arrays of a file describe, or `problem`, if it is given and is the same.
 
-    Also if the digest in the head is not that of what it describes.
+    A `problem` without a number of steps gets the file's. TableFileError if it is another one, or is needed for black
+    boxes, or if the digest in the head is not that of what it describes.
     """
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(

@@ -15,8 +15,9 @@ class Kept:
     """Parts of a solve that a table keeps for the next one, in this process only: elsewhere other bits may be computed.
 
     method : the object by which it was solved.
-    each : by what it is of, the avoid tubes of one unsafe set, (L, *subgrid) at each step, where there are several.
-    still : by step and within, solutions of the PDE in the moving frame.
+    each : the avoid tubes of each unsafe set alone, a list over steps of (L, *subgrid), by a key of all that they
+        depend on; empty where there is one set, whose tubes the table has.
+    still : by (step, within), the solution of the PDE in the moving frame, before it is shifted by what inputs do.
     """
 
     method: object

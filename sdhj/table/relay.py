@@ -15,7 +15,7 @@ class Relay:
     """
 
     def __init__(self, *controllers: Controller) -> None:
-        """ValueError if one is no controller, or its table is for a controller that remembers."""
+        """Controllers in the order in which they act; ValueError if one is none, or remembers (`Sensing.memory`)."""
         for one in controllers:
             if not isinstance(one, Controller):
                 raise ValueError(f"Relay takes controllers, for example Relay(Controller(table)), got {one!r}")
@@ -24,7 +24,7 @@ class Relay:
         self.controllers = controllers
 
     def choose(self, states: FloatArray, step: int) -> FloatArray:
-        """Which controller acts from each of the states (M, ndim) at a step, and the index of its input: (M, 2) int.
+        """Which controller acts from each of the states (M, ndim) at a step k, and the index of its input: (M, 2) int.
 
         Both are -1 for a state that is admissible for none; the input alone is -1 if the state is in the last target
         and no input is proved to lead back into it.

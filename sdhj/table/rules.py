@@ -22,6 +22,8 @@ class Candidates:
     problem : ReachAvoidProblem
     step : int
         The step k at which the inputs start.
+    batch : Batch
+        What the table answers for all states.
     rows, inputs : (P,) int array
         Index of the state in the batch, and of the input in problem.inputs.
     states : (P, ndim) array
@@ -30,6 +32,8 @@ class Candidates:
         Index of the input that is held until now, as changes of the input may cost something; -1 where none is known.
     margins : (P,) array
         The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
+    depths : (P,) array
+        The margins or, for tables on a grid that hold for ever, the same of the game's value (`Batch.depths`).
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 

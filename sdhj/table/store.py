@@ -56,7 +56,7 @@ Runs = Sequence[tuple[int, int]]
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """Turn errors in reading a store, or a file of one, into TableFileError."""
+    """A context in which errors in reading a store, or a file of one, at `path` become TableFileError."""
     try:
         yield
     except TableFileError:
@@ -66,7 +66,11 @@ def readable(path: Path) -> Iterator[None]:
 
 
 class Slab(NamedTuple):
-    """A slab of a tube, with its marks, or of the avoid tubes of a step."""
+    """Which part of which array: a slab of a tube, with its marks, or of the avoid tubes of a step.
+
+    array : "tubes", "avoid_static" or "avoid_moving". place : which tube, or which step; 0 of the static ones. number :
+    which slab, counted along the axis that is cut.
+    """
 
     array: str
     place: int
@@ -103,7 +107,7 @@ class Shapes:
         return -(-self.shape[self.axis] // self.width)
 
     def axes(self, array: str) -> tuple[int, ...]:
-        """The axes of the grid that an array has."""
+        """The axes of the grid that an array has: all of them, or those that the unsafe sets depend on."""
         return self.avoid_axes.get(array, tuple(range(len(self.shape))))
 
     def slabs_of(self, array: str) -> int:
@@ -111,11 +115,11 @@ class Shapes:
         return self.slabs if self.axis in self.axes(array) else 1
 
     def span(self, number: int) -> tuple[int, int]:
-        """The first node of a slab and the one behind its last."""
+        """The first node of slab `number` along the axis that is cut, and the one behind its last."""
         return number * self.width, min((number + 1) * self.width, self.shape[self.axis])
 
     def runs(self, array: str, number: int) -> Runs:
-        """Begin and end of a slab on each axis of an array."""
+        """(begin, end) of slab `number` on each axis of the grid that an array has; of axes not cut all nodes."""
         return [self.span(number) if axis == self.axis else (0, self.shape[axis]) for axis in self.axes(array)]
 
     def kind(self, array: str) -> Any:
@@ -123,7 +127,7 @@ class Shapes:
         return np.dtype(np.uint8 if array == "marks" else self.dtype)
 
     def lead(self, array: str) -> tuple[int, ...]:
-        """The axes before those of the grid at one place of an array."""
+        """The lengths of the axes before those of the grid at one place: () of a tube, bytes of marks, L of avoid."""
         return {"tubes": (), "marks": (-(-self.inputs // 8),)}.get(array, (self.inputs,))
 
     def block(self, array: str) -> tuple[int, ...]:
@@ -131,7 +135,7 @@ class Shapes:
         return (*self.lead(array), *(self.shape[axis] for axis in self.axes(array)))
 
     def whole(self, array: str) -> tuple[int, ...]:
-        """The shape of an array, as a `LookupTable` has it."""
+        """The shape of an array over all places, as a `LookupTable` has it; in marks the nodes are one axis."""
         lead, block = self.lead(array), self.block(array)
         block = (*lead, math.prod(self.shape)) if array == "marks" else block
         return block if array == "avoid_static" else (self.steps if array == "avoid_moving" else self.tubes, *block)
@@ -148,13 +152,13 @@ class Shapes:
                 yield from (Slab(array, *one) for one in product(range(places), range(self.slabs_of(array))))
 
 
-def within(runs: Runs) -> Any:
-    """The index of what lies from begin to end of each of the last axes."""
+def index_of(runs: Runs) -> Any:
+    """The index, for NumPy, of what lies in `runs`, (begin, end) of each of the last axes."""
     return (..., *(slice(*run) for run in runs))
 
 
 class Arrays:
-    """The arrays of a table, a slab at a time."""
+    """The arrays of a table, read and written a slab at a time; where they are is up to `Memory` and `Store`."""
 
     layout: Shapes
 
@@ -163,22 +167,22 @@ class Arrays:
         raise NotImplementedError
 
     def read(self, array: str, place: int, runs: Runs) -> FloatArray:
-        """Part of a block, from begin to end of each axis of the grid."""
-        return np.ascontiguousarray(self.block(array, place)[within(runs)])
+        """Part of the block at a place, from begin to end of each axis of the grid: contiguous, a view if it can be."""
+        return np.ascontiguousarray(self.block(array, place)[index_of(runs)])
 
     def whole(self, array: str) -> FloatArray:
-        """An array as a `LookupTable` has it, which may be filled in later."""
+        """A whole array, of shape `Shapes.whole`, as a `LookupTable` has it; its values may be filled in later."""
         raise NotImplementedError
 
     @property
     def avoid(self) -> AvoidTubes:
-        """The avoid tubes as a `LookupTable` has them."""
+        """The avoid tubes of all unsafe sets, static and moving, over the whole arrays."""
         static, moving = NAMES[2:]
         axes = self.layout.axes(static), self.layout.axes(moving)
         return AvoidTubes(axes[0], self.whole(static), axes[1], self.whole(moving))
 
     def table(self, problem: ReachAvoidProblem, method: str, index: FloatArray) -> LookupTable:
-        """The table of these arrays."""
+        """A `LookupTable` whose arrays are these and whose index is `index` (entries,); it has no details yet."""
         return LookupTable(problem, method, index, self.whole("tubes"), self.whole("marks"), self.avoid, {})
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
@@ -198,7 +202,7 @@ class Memory(Arrays):
         self.layout, self.arrays = layout, dict[str, FloatArray]()
 
     def block(self, array: str, place: int) -> FloatArray:
-        """The block at a place of an array, in memory."""
+        """A view of the block at a place of an array, of shape `Shapes.block`."""
         found: FloatArray = self.whole(array).reshape(-1, *self.layout.block(array))[place]
         return found
 
@@ -208,26 +212,29 @@ class Memory(Arrays):
         return [self.block(array, slab.place) for array in slab.arrays] if one else super().buffers(slab)
 
     def there(self, slab: Slab) -> bool:
-        """Whether a slab is finished already."""
+        """Whether a slab is finished already: never, as nothing in memory outlasts a solve."""
         return False
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Keep the arrays of a slab. Returns what `enter` is to be given."""
+        """Keep `values`, the arrays of a slab; a whole array is kept without a copy. Returns an empty digest."""
         for array, one in zip(slab.arrays, values, strict=True):
             if (one.shape, one.dtype) == (self.layout.whole(array), self.layout.kind(array)):
                 self.arrays[array] = one  # to copy all avoid tubes would take as long as a game
                 continue
             runs = self.layout.runs(array, slab.number)
-            part = self.block(array, slab.place)[within(runs)]
+            part = self.block(array, slab.place)[index_of(runs)]
             if not np.may_share_memory(part, one):
                 part[...] = one
         return ""
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """Note that a slab is finished."""
+        """Nothing: in memory no ledger is kept of finished slabs."""
 
     def whole(self, array: str) -> FloatArray:
-        """An array; made when first asked for, so that it may take memory that games had before."""
+        """A whole array; made when first asked for, so that it may take memory that games had before.
+
+        Marks are 0, avoid tubes without an axis -inf, and others undefined until they are written.
+        """
         if array not in self.arrays:
             make = np.zeros if array == "marks" else np.empty
             self.arrays[array] = make(self.layout.whole(array), self.layout.kind(array))
@@ -243,11 +250,11 @@ class Store(Arrays):
     """
 
     def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
-        """A store at a path, with a layout and the digest of its head."""
+        """A store at a path, with a layout of its arrays, and as `seal` the digest of its head; nothing is read yet."""
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:
-        """It is sent as its path, from which workers read and write."""
+        """Pickled it is its path, layout and seal, from which a worker reads and writes the same files."""
         return Store, (self.path, self.layout, self.seal)
 
     # ---- the files of arrays
@@ -262,7 +269,10 @@ class Store(Arrays):
         return {array: self._header(array)[0] for array in NAMES if self.layout.axes(array)}
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
-        """Where an array's data begin in its file, and its shape; TableFileError if it is another."""
+        """Where an array's data begin in its file, in bytes, and its shape there, which may have fewer tubes.
+
+        TableFileError if the file is missing, cut short or of another dtype or shape.
+        """
         file, expected = self.file(array), self.layout.whole(array)
         with readable(file), open(file, "rb") as stream:
             np.lib.format.read_magic(stream)
@@ -283,7 +293,10 @@ class Store(Arrays):
         return np.asarray(np.memmap(self.file(array), kind, "c", begin, block))
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Write a slab; when it returns, the slab is on the disk."""
+        """Write the arrays of a slab to their places and flush them to the disk; returns the slab's digest.
+
+        OSError, with what to do, if it cannot be written.
+        """
         with self._writing():
             for array, one in zip(slab.arrays, values, strict=True):
                 with open(self.file(array), "r+b") as stream:
@@ -295,7 +308,7 @@ class Store(Arrays):
         return self.digest(slab, values)
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """The parts of a slab that lie in one piece each, (bytes from the begin of the file, values)."""
+        """The parts of a slab's `values` that lie in one piece of the array's file: (offset in bytes, values)."""
         block = self.layout.block(array)
         runs = [*((0, n) for n in self.layout.lead(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
@@ -305,7 +318,7 @@ class Store(Arrays):
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """Errors of writing, with what to do."""
+        """A context in which an OSError says also what stays and what to do."""
         try:
             yield
         except OSError as error:
@@ -330,7 +343,7 @@ class Store(Arrays):
         return slab in self.entered
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """Add a line to the ledger, which begins anew where another was cut short."""
+        """Add a line for a finished slab to the ledger on disk; it begins anew where the last one was cut short."""
         with self._writing(), open(self.path / "ledger", "ab") as stream:
             stream.write(f"\n{slab.array} {slab.place} {slab.number} {digest}\n".encode())
             stream.flush()
@@ -364,7 +377,10 @@ class Store(Arrays):
     # ---- the whole
 
     def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
-        """Say which entry is which tube, and that all are there."""
+        """Write the index, by which the store is whole: the tube of each entry (entries,), and details of the solve.
+
+        The files of tubes and marks are cut to as many as the index names. OSError, with what to do.
+        """
         with self._writing():
             for array in ("tubes", "marks"):
                 with open(self.file(array), "r+b") as stream:
@@ -373,7 +389,11 @@ class Store(Arrays):
                 file.write_text(sealed_text({"index": index.tolist(), "details": dict(details)}, self.seal))
 
     def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
-        """A whole array, checked as `files.stored` does, mapped read-only and of the type of those in memory."""
+        """A whole array, mapped read-only, of the type of those in memory; the dtypes `kinds` are not asked.
+
+        TableFileError if its file does not fit the layout, ValueError if it is not of `shape`, a set of lengths or one
+        on each axis.
+        """
         if not self.layout.axes(array):
             return np.full(self.layout.whole(array), -np.inf, self.layout.dtype)
         begin, found = self._header(array)
@@ -399,7 +419,7 @@ class StoredTable(LookupTable):
         object.__setattr__(self, "path", folder)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """The name of the folder, if it is one, with the black boxes that no file contains."""
+        """Pickled it is the name of its folder, with the problem if that has black boxes, which no file contains."""
         opaque = self.problem if self.problem.opaque else None
         return (load_stored, (self.path, opaque, True, self.player)) if self.path else super().__reduce_ex__(protocol)
 
@@ -412,13 +432,16 @@ def is_store(path: Named) -> bool:
 def load_stored(
     path: Named, problem: ReachAvoidProblem | None = None, check: bool = True, player: Player | None = None
 ) -> StoredTable:
-    """Load the table of a store; all of it is read once and compared with its ledger, unless left out."""
+    """The table of a finished store; with `check` all of it is read once and compared with its ledger.
+
+    player : simulates runs for `Table.played`. TableFileError if it is unfinished, damaged or of another problem.
+    """
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
         raise TableFileError(f"{path} is not finished; go on with sdhj.solve(..., store=..., resume=True)")
-    told = _unsealed(store.path / "index", store.seal)[0]
+    content = _unsealed(store.path / "index", store.seal)[0]
     with readable(store.path):
-        index, fields = np.array(told["index"], dtype=np.int64), {"player": player, "folder": store.path}
+        index, fields = np.array(content["index"], dtype=np.int64), {"player": player, "folder": store.path}
         found = StoredTable.of_arrays(head, store.whole, index, problem, **fields)
     if check:
         store.check(list(store.layout.slabs_with(len(found.tubes))))
@@ -434,13 +457,13 @@ def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
         )
     if not (path / "head").is_file():
         raise FileNotFoundError(f"no store {path}; write one with sdhj.solve(problem, store=...)")
-    told, seal = _unsealed(path / "head")
+    head, seal = _unsealed(path / "head")
     with readable(path):
-        if told["store"] != STORE_FORMAT:
-            raise ValueError(f"it has store version {told['store']}, and this sdhj reads {STORE_FORMAT}")
+        if head["store"] != STORE_FORMAT:
+            raise ValueError(f"it has store version {head['store']}, and this sdhj reads {STORE_FORMAT}")
         if (path / "index").is_file():
-            told["details"] = _unsealed(path / "index", seal)[0]["details"]
-        return checked_head(told), seal
+            head["details"] = _unsealed(path / "index", seal)[0]["details"]
+        return checked_head(head), seal
 
 
 def opened_store(
@@ -465,15 +488,16 @@ def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
 
 
 def functions_of(path: Path) -> dict[str, FloatArray]:
-    """The tables that formulas look up, and values of black boxes, by name."""
+    """The tables that formulas look up and the values of black boxes in a store, by name, such as "tables/0"."""
     files = [file for group in ("tables", "opaque") for file in (path / group).glob("*.npy")]
     return {f"{file.parent.name}/{file.stem}": np.load(file, allow_pickle=False) for file in files}
 
 
 def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray], layout: Shapes) -> str:
-    """Make a store with this head and these functions, else empty; the folder appears when it is whole.
+    """Make a store: a folder with the head, the arrays that formulas look up (`functions`, by name) and empty arrays.
 
-    FileExistsError if there is one. Returns its seal.
+    It appears when it is whole. Returns its seal, the digest of the head. FileExistsError if there is something of that
+    name, OSError, with what to do, if it cannot be written.
     """
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
@@ -499,7 +523,10 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 
 
 def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
-    """Let a file be an array with so many tubes; what is not written yet takes no room on the disk."""
+    """Write the header of an array's .npy file, for so many tubes, to a stream at its beginning, and set the length.
+
+    What is not written yet takes no room on the disk.
+    """
     shape, kind = layout.whole(array), layout.kind(array)
     shape = (tubes, *shape[1:]) if array in NAMES[:2] else shape
     about = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": shape}
@@ -507,20 +534,20 @@ def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
     stream.truncate(stream.tell() + math.prod(shape) * kind.itemsize)
 
 
-def sealed_text(told: Mapping[str, Any], seal: str = "") -> str:
-    """A mapping as JSON, behind a line with its SHA-256, bound to a seal."""
-    text = json.dumps(told, sort_keys=True)
+def sealed_text(content: Mapping[str, Any], seal: str = "") -> str:
+    """A mapping as JSON, behind a line with the SHA-256 of `seal` and itself."""
+    text = json.dumps(content, sort_keys=True)
     return f"{hashlib.sha256(f'{seal}{text}'.encode()).hexdigest()}\n{text}\n"
 
 
 def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
-    """The mapping of a `sealed_text` and the digest that it begins with; TableFileError if it is another."""
+    """Read a file of `sealed_text`: its mapping and the digest in its first line; TableFileError if that is wrong."""
     with readable(file):
         text = file.read_text()
-        told = json.loads(text.partition("\n")[2])
-        if sealed_text(told, seal) != text:
+        content = json.loads(text.partition("\n")[2])
+        if sealed_text(content, seal) != text:
             raise ValueError("its digest is another")
-    return told, text.partition("\n")[0]
+    return content, text.partition("\n")[0]
 
 
 def free_name(path: Path) -> None:

@@ -43,8 +43,9 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
 
     The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
     cell outside the last node in the set, and at the very boundary there may be no input that passes. This function is
-    a distance to the nearest node outside, or to where one would be past an unsafe end, and its zero lies two cells
-    from that: one cell inside the last node in the set, which keeps the tube clear of states that are lost.
+    2 - d in the set, d being the distance to the nearest node outside, or to where one would be past an unsafe end, and
+    1 + the distance to the set outside. So its zero lies one cell inside the last node in the set, which keeps the tube
+    clear of states that are lost. invariant (*grid.shape) bool : the nodes in the set.
     """
     leaves = _cells_to(grid, ~invariant)
     for axis, fails in enumerate(grid.ends_where("fails").T):
@@ -56,7 +57,10 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
 
 
 def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
-    """Euclidean distance of each node to the nearest of a region, in cells, shape grid.shape; axis by axis."""
+    """Euclidean distance, in cells, of each node to the nearest in a region (*grid.shape) bool: array of grid.shape.
+
+    Around periodic axes; where the region is empty, as far as the grid is long.
+    """
     squares = np.where(region, 0.0, float(np.sum(np.square(grid.shape))))
     for axis, n in enumerate(grid.shape):
         before, squares = np.moveaxis(squares, axis, 0), np.full(squares.shape, np.inf)
@@ -154,7 +158,10 @@ class LookupTable(Table):
 
     @staticmethod
     def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
-        """The index of a table in which no tubes are shared."""
+        """The index (entries,) int64 of a table in which no tubes are shared: the place of each (start, within).
+
+        If nothing depends on time the place is `within`; else the tubes lie in the order in which they are computed.
+        """
         start, index = entries(problem.most_steps).T.copy()
         if not problem.time_invariant:  # one behind the other as they are filled in
             index += (problem.most_steps - start) * (problem.most_steps - start + 1) // 2
@@ -162,21 +169,22 @@ class LookupTable(Table):
 
     @staticmethod
     def most_tubes(problem: ReachAvoidProblem) -> int:
-        """T, the largest number of stored tubes."""
+        """T, the largest number of stored tubes: N + 1 if nothing depends on time, else (N + 1) (N + 2) / 2."""
         return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of a tube, shape grid.shape, which is written while the table is filled in."""
+        """The array of the tube (start, within), shape grid.shape, to be written while the table is filled in."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of a tube's marked inputs, (bytes, size), which is written while the table is filled in."""
+        """The marked inputs of the tube (start, within), (bytes, size), to be written while the table is filled in."""
         return self.marks[self.tube_index(start, within)]
 
     def share(self, start: int, within: int) -> None:
-        """Let (start, within) share the tube (start, within - 1), with its marks; later tubes move up by one place.
+        """Let (start, within) share the tube (start, within - 1), with its marks: writes the index.
 
-        Where nothing depends on time, sets that have stopped stay as they are: all later ones share it too.
+        Later tubes move up by one place, so this comes before they are computed; nothing is done where it is so
+        already. Where nothing depends on time, sets that have stopped stay as they are: all later ones share it too.
         """
         place = self.tube_index(start, within)
         if place == self.tube_index(start, within - 1):
@@ -324,7 +332,7 @@ class LookupTable(Table):
         return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
-        """The share of the grid's volume in a tube."""
+        """The share of the grid's volume in a tube, from 0 to 1, by its nodes; with sensing by the whole box E."""
         return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
@@ -354,7 +362,10 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows of a batch: see `Table._decide`; in compiled code where the sets are formulas."""
+        """Fill in some rows (R,) of a batch, by compiled code where all sets are formulas and defined; else in Python.
+
+        scores (M, L), checks : as in `Table._decide`.
+        """
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
             played, alike = self._tapes[RESULTS].size > 0, interval.dynamics.stateless
@@ -364,11 +375,17 @@ class LookupTable(Table):
             super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """Fill in marks and margins of some rows of a batch, by interpolation."""
+        """Fill in some rows (R,) of a batch by interpolation and marks, without a look at the true sets.
+
+        ends (4 + K, L, ndim, 1 or R) : what inputs lead to from these rows.
+        """
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Fill in some rows of a batch by compiled code; False where it met something undefined, and did not."""
+        """Fill in some rows of a batch by `decide`, whose ends, scores and checks these are.
+
+        False, and the rows are worthless, where a formula was undefined.
+        """
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
         packs = tuple(self.packed_at(batch.step))
@@ -442,9 +459,10 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table of arrays that `stored` (name, kinds, shape) reads; ValueError if they do not fit together.
+        """The table of arrays that a function `stored` (name, dtypes, shape) reads; ValueError if they do not fit.
 
-        fields : what else the table has.
+        head : of the file, for method, details and axes of avoid tubes. index (entries,) int64. fields : keywords of
+        what else the table has.
         """
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):
@@ -467,7 +485,7 @@ class LookupTable(Table):
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
-    """Axes of a grid that a file names; ValueError if they are none, or not ascending."""
+    """Axes of a grid, as a file lists them under `name`, as a tuple; ValueError if they are none, or not ascending."""
     found = axis_numbers(axes, name)
     if list(found) != sorted(set(found) & set(range(grid.ndim))):
         raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")

@@ -128,7 +128,7 @@ def test_files_carry_lines_and_the_checker_proves_them(name, tables, rng, tmp_pa
         assert safe[one.contains(states) & ~one.contains(states, within=0)].all()
 
 
-def narrower(axes, normals, low, high, far, drawn=sdhj.certified.oblique.drawn):
+def narrower(axes, normals, low, high, far, drawn=sdhj.certified.oblique.lines_in_boxes):
     """Lines that end at their first cell."""
     out = drawn(axes, normals, low, high, far)
     out[..., 1] = np.minimum(out[..., 0], out[..., 1])
@@ -149,9 +149,9 @@ def mistaken(name, given=None, answer=None):
 # what is set in `sdhj.certified.oblique` while sets are made that are too large
 MISTAKES = {
     "lines everywhere": ("halo_of", lambda axes, *given: np.zeros((2, len(axes)), np.int64)),
-    "a cell a line": ("drawn", narrower),
-    "no way": mistaken("leaned", lambda *some: (*some[:4], 0 * some[4], *some[5:])),
-    "less time": mistaken("leaned", lambda *some: (*some[:-1], 0.9 * some[-1])),
+    "a cell a line": ("lines_in_boxes", narrower),
+    "no way": mistaken("changes_along", lambda *some: (*some[:4], 0 * some[4], *some[5:])),
+    "less time": mistaken("changes_along", lambda *some: (*some[:-1], 0.9 * some[-1])),
     "begins of parts": mistaken("rates_along", lambda *some: (*some[:-1], (some[-1][0],) * 2)),
     "nothing before": mistaken("_component", answer=lambda low, high: (0 * low, high)),
     "nothing behind": mistaken("_component", answer=lambda low, high: (low, 0 * high)),

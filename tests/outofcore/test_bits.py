@@ -12,7 +12,7 @@ from sdhj.outofcore import planned
 from sdhj.problem import grid as grid_module
 from sdhj.solver.avoid import dangers
 from sdhj.solver.recursion import GridSets, Slabs, recursion
-from sdhj.solver.slabs import around, avoid_halo, depth, in_slabs, reach_halo, time_steps
+from sdhj.solver.slabs import avoid_halo, in_slabs, nodes_read_in_a_step, reach_halo, slab_window, time_steps
 from sdhj.solving import method_of
 from sdhj.table.store import Memory
 
@@ -118,7 +118,7 @@ def test_however_the_grid_is_cut(width, axis, tmp_path, monkeypatch):
 def played(method, problem, halo, rng):
     """Reach sets of rough values on the whole grid, and on a slab with a halo: both on the slab."""
     values, axes = rng.uniform(-1.0, 1.0, problem.grid.shape).astype(np.float32), (0, 1)
-    window, kept = around(problem.grid, 0, (20, 24), halo)
+    window, kept = slab_window(problem.grid, 0, (20, 24), halo)
     part = method.on(problem.on(window), counted=time_steps(method, problem, axes), wanted={0: kept})
     cut = values.take(window.places(0), axis=0)
     whole = np.stack([phi.copy() for _, phi in sorted_by_input(method.on(problem).reach(values, 0))])
@@ -182,12 +182,12 @@ def test_what_the_disturbance_reaches_is_beside_a_slab(gain):
     method = sdhj.HJI(scheme=sdhj.Scheme(order=1, integrator="euler"))
     problem = rough_problem(72, gain=gain, drift=0.3)
     games = method.on(problem)
-    assert games.shifted and games.brought.all()
+    assert games.shifted and games.pushed.all()
     assert np.array_equal(*played(method, problem, reach_halo(games, 0, {}), np.random.default_rng(0)))
 
 
 def test_what_a_time_step_reads():
-    assert [depth(scheme) for scheme in SCHEMES] == [1, 4, 9, 4]
+    assert [nodes_read_in_a_step(scheme) for scheme in SCHEMES] == [1, 4, 9, 4]
 
 
 @pytest.mark.parametrize("method", [ROUGHEST, sdhj.HJI(), sdhj.HopfLax()], ids=["fixed", "moving", "lax"])
@@ -199,7 +199,7 @@ def test_avoid_tubes_need_what_they_say(method, monkeypatch):
     whole = method.on(problem).avoid(game.danger.unsafe_set, 0)[:, 20:24]
 
     def on_a_slab(halo):
-        window, kept = around(problem.grid, 0, (20, 24), halo)
+        window, kept = slab_window(problem.grid, 0, (20, 24), halo)
         games = method.on(problem.on(window), counted=game.counted, wanted={0: kept})
         return games.avoid(game.danger.unsafe_set, 0)
 

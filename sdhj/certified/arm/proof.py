@@ -37,7 +37,10 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 
 @dataclass(frozen=True)
 class ArmProof(Proof):
-    """The images of an arm's cells over one interval, for the recursion and for questions about states."""
+    """The images of an arm's cells over one interval, for the recursion and for questions about states.
+
+    Axes are the two joint angles and the agent's place (x, y).
+    """
 
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
     kind = "arm"
@@ -48,7 +51,12 @@ class ArmProof(Proof):
     def of(
         cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, allowed: FloatArray | None = None
     ) -> "ArmProof":
-        """Everything that does not depend on a set; `allowed` is computed where it is None."""
+        """The proof of an arm's problem, with all that does not depend on a set.
+
+        parts : of an interval under the fastest input. allowed (steps, L, n1, n2) bool : where the arm is clear of the
+        known obstacles, as of `clear_of_obstacles`; computed where it is None. ValueError for arms, speeds or numbers
+        of steps that are too large, MemoryError where it does not fit.
+        """
         stage, count = scene(problem), len(problem.inputs)
         arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
         if max(arm[0] + arm[1], stage.agent_box, *(d.radius + d.speed for d in stage.obstacles), 0.0) > LONGEST:
@@ -93,7 +101,7 @@ class ArmProof(Proof):
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
-        """See `GeneralProof.peak`."""
+        """Bytes that a solve with these cells takes at most, the sets that it finds apart."""
         count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
         # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
         joints = n1 * n2 * problem.steps + max(n1, n2, nx, ny) * (64 + 96 * parts)
@@ -101,7 +109,7 @@ class ArmProof(Proof):
 
     @property
     def peak(self) -> int:
-        """See `GeneralProof.peak`."""
+        """Bytes that a solve takes at most, the sets that it finds apart."""
         return self.needs(self.problem, self.axes, self.parts)
 
     @property
@@ -117,11 +125,11 @@ class ArmProof(Proof):
 
     @property
     def depends(self) -> FloatArray:
-        """See `Images.depends`: each on its own."""
+        """Which axes images depend on along each axis, bool (4, 4): on this axis alone."""
         return read_only(np.eye(4, dtype=np.bool_))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
-        """See `GeneralProof.image`."""
+        """The first and the last cell, each (M, 4), of what cells (M, 4) can lead to under inputs (M,) or one."""
         at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
@@ -135,18 +143,23 @@ class ArmProof(Proof):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """See `GeneralProof.inputs`."""
+        """Which of the inputs `among` (M, L) bool are certified for cells (M, 4) at a step: (M, L) bool.
+
+        They stay clear and lead all of the cell into the set with ahead - 1 steps to go.
+
+        ahead (M,), sets and pool as there; `lines` does not matter.
+        """
         out = among.copy()
         arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
         return out
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file."""
+        """The proof's part of a file's head: parts of an interval."""
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
-        """Write what is not quickly computed again: where the arm is clear of the known obstacles."""
+        """Write to an open file what is not quickly computed again: where the arm is clear of the known obstacles."""
         file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod
@@ -163,7 +176,10 @@ class ArmProof(Proof):
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
-        """For each input the cells from which the agent cannot touch the arm during one interval, each (n1, n2, W)."""
+        """For each input the cells from which the agent cannot touch the arm in an interval: each (n1, n2, W) uint64.
+
+        All of them where the agent does not pursue the arm.
+        """
         motion, clear = self.motion, []
         for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
             clear.append(np.empty(self.shape, np.uint64))
@@ -175,7 +191,10 @@ class ArmProof(Proof):
         return clear
 
     def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, changed: Any = None) -> None:
-        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}."""
+        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}: in place, (n1 n2, W).
+
+        clear : what `prepare` returned. `changed` does not matter.
+        """
         motion, (n1, n2, words) = self.motion, self.shape
         eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
         erode_packed(eroded, *packed_window(motion.first[2:, 0], motion.number[2:, 0], motion.agent))
@@ -188,7 +207,7 @@ class ArmProof(Proof):
                 add_certified(scratch.reshape(self.shape), *second, allowed, clear[j], out)
 
     def goal(self, step: int) -> FloatArray:
-        """Cells inside the target and outside the unsafe set at t_k."""
+        """S_k^0, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
         still = read_only([joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)])
@@ -206,13 +225,16 @@ class ArmProof(Proof):
 
 
 def arm_numbers(stage: ArmScene) -> FloatArray:
-    """(l1, l2, turn) of `links.link_points`: see `Arm.joints`."""
+    """(l1, l2, turn), by which the tip is l1 e(q1) + l2 e(turn q1 + q2), e(a) = (cos a, sin a): as `Arm.joints` says.
+
+    turn is 1 for relative joint angles, 0 for Eq. (8) as printed, whose second length is l1 + l2.
+    """
     l1, l2 = stage.arm.lengths
     return np.array([l1, l2, 1.0]) if stage.arm.kinematics == "relative" else np.array([l1, l1 + l2, 0.0])
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """Where the state may be on an axis whose prediction is in a cell, (n, 2)."""
+    """Least and greatest coordinate of a state whose prediction is in each of the n cells of an axis, (n, 2)."""
     edges, off = axes[axis].edges(), float(unknown(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
@@ -220,9 +242,10 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 def clear_of_obstacles(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
-    """Cells of the joints from which the arm stays clear of the known obstacles: (steps, L, n1, n2) bool.
+    """Joint cells from which the arm stays clear of the known obstacles during delta, s: (steps, L, n1, n2) bool.
 
-    times (2^(h + 1) + 1, steps) cut each interval evenly, to be halved h times; velocities (2, L, 2).
+    times (2^(h + 1) + 1, steps) cut each interval evenly, to be halved h times. velocities (2, L, 2) : of each joint
+    under each input, least and greatest.
     """
     stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)
@@ -239,9 +262,12 @@ def clear_of_obstacles(
 
 
 def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[FloatArray, FloatArray]:
-    """Shifts and passes of `packed.erode_packed`; first, number (2, n) as `CellAxis.image` of the agent's two axes.
+    """The window that the agent's cells need, as `packed.erode_packed` takes it: bits to shift by, and passes.
 
-    A cell needs its neighbours at the offsets of the widest window, but for those beyond its own window, at a wall.
+    Shifts (2, offsets) : by how many bits the neighbours at the offsets of the widest window are away, along x and y.
+    Passes (2, offsets, W) uint64 : the cells that do not need this one, as it is beyond their own window, at a wall.
+    first, number (2, n) : images of cells, as of `CellAxis.image`, on the agent's two axes. ValueError where an agent
+    cannot stay where it is.
     """
     cells = np.stack(np.divmod(np.arange(agent.nx * agent.ny), agent.ny))
     low = np.take_along_axis(first, cells, axis=1) - cells

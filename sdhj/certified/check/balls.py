@@ -25,12 +25,12 @@ PRECISION = 200  # bits
 
 
 def whole(a: Any) -> Any:
-    """The whole number that all of a ball is rounded down to; None where there are two."""
+    """The whole number that all of a ball is rounded down to, floor(a); None where there is more than one."""
     return a.floor() if a.floor().is_exact() else None
 
 
 def compared(truth: Callable[[Any, Any], bool], opposite: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
-    """A comparison of balls: 1 where it holds for all of both, 0 where it holds for none, else None."""
+    """A comparison as a function of two balls: 1 where `truth` is sure of both, 0 where `opposite` is, else None."""
     return lambda a, b: flint.arb(1) if truth(a, b) else flint.arb(0) if opposite(a, b) else None
 
 
@@ -78,7 +78,12 @@ IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is u
 
 
 def interpolated(*given: Any) -> Any:
-    """Multilinear interpolation of a table, clipped at the ends of the axes: operands, table, lower and spacing."""
+    """The ball of the multilinear interpolation of a table, clipped at the ends of its axes; None where it is open.
+
+    It is where a ball leaves open between which nodes it lies.
+
+    given : the operands, balls, one for each axis; then table, lower, spacing and one more that is not used.
+    """
     *at, table, lower, spacing, _ = given
     places, shares, value = [], [], flint.arb(0)
     for x, begin, step, n in zip(at, lower, spacing, table.shape, strict=True):
@@ -97,7 +102,10 @@ def interpolated(*given: Any) -> Any:
 
 
 def of_node(node: Node, values: dict[int, Any], point: Sequence[float], parameters: Sequence[float]) -> Any:
-    """The ball that holds a node's value at a point, from those of its operands; None where undefined."""
+    """The ball that holds a node's value, from those of its operands, by their numbers; None where undefined or open.
+
+    point : the coordinates; parameters : the time and what else the formula is given.
+    """
     operands = [values[number] for number in node.operands]
     if node.name in ("x", "p", "const"):
         (given,) = node.given
@@ -121,7 +129,8 @@ def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[flo
 
 
 def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float], seed: int) -> tuple[int, list[Any]]:
-    """How many values at a state of each box (M, coordinates) were compared; and those that are not within bounds.
+    """How many values at a random state of each box (M, coordinates) were compared with the formula's bounds; and those
+    that are beyond them, as (state, ball, least, greatest).
 
     Bounds are those over the box and those over the state alone, which leave room for rounding only. Any adversary of a
     `velocity` pushes from -1 to 1.

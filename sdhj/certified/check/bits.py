@@ -29,9 +29,10 @@ UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """`numba.njit`, kept on disk, where that can be, until any file of this folder changes or the kept one is damaged.
+    """A decorator: compile a function by `numba.njit(**options)`, and keep the code on disk, where that can be.
 
-    Numba alone looks at one file only, and runs what is damaged.
+    It is compiled anew when any file of this folder has changed or the kept code is damaged. Numba alone looks at one
+    file only, and runs what is damaged.
     """
 
     def compile_it(function: Any) -> Any:
@@ -50,19 +51,19 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class Kept:
-    """Machine code in files that begin with a digest, of it and of the sources."""
+    """In place of one of Numba's cache files: machine code in files that begin with a digest, of it and the sources."""
 
     def __init__(self, files: Any) -> None:
-        """Stamp compiled files with Numba's version and with the sources of this folder."""
+        """Code kept in Numba's cache `files`, stamped with Numba's version and with the sources of this folder."""
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
-        """The file of the code for a signature."""
+        """The path of the file of the code for a signature, `key`."""
         name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        """The code for a signature; None where its digest or signature is another."""
+        """Read the code for a signature, `key`; None where the digest or signature is another, OSError without it."""
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
@@ -70,7 +71,7 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the code for a signature behind its digest; the file appears whole or not at all."""
+        """Write the code `data` for a signature, `key`, behind its digest; the file appears whole or not at all."""
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)
@@ -81,13 +82,13 @@ class Kept:
 
 @compiled()
 def has(block, bit):
-    """Whether a bit of packed words is set."""
+    """Whether bit number `bit` of packed words, `block` (words,) uint64, is set."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != NONE
 
 
 @compiled()
 def drop(block, start, stop):
-    """Clear the bits start..stop-1, in place."""
+    """Clear the bits start..stop-1 of packed words, `block` (words,) uint64, in place."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         mask = ~NONE
         if word == start >> 6:
@@ -99,7 +100,7 @@ def drop(block, start, stop):
 
 @compiled()
 def any_bit(block):
-    """Whether any bit of packed words is set."""
+    """Whether any bit of packed words, `block` (words,) uint64, is set."""
     for word in block:
         if word != NONE:
             return True
@@ -117,9 +118,10 @@ def unpacked(some: Array, count: int) -> Array:
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """For every block the cells (x, y) for which it holds all of along_x[x] times along_y[y]; written to `out`.
+    """Write to `out`, for every block of `pool`, the cells (x, y) for which it has all of along_x[x] x along_y[y].
 
-    Threads may share the blocks out. along_x (nx, most), along_y (ny, most) : cells, the last one repeated
+    Both are (blocks, words) uint64, and threads may share the blocks out. along_x (nx, most), along_y (ny, most) :
+    lists of cells on an axis, the last one repeated
     """
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 

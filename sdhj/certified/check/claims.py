@@ -15,10 +15,10 @@ COVER, GROW, GOALS, ARRIVE, NEARER = (
 
 @dataclass(frozen=True)
 class Claim:
-    """One kind of claim: how many were made, how many checked, and what was not proved.
+    """One kind of claim: how many a file makes, how many of them were checked, and what was not proved.
 
-    failures : what was not proved, or the first of it where `number` says how much there is.
-    boundary : of the cells that were made and checked, those with a neighbour outside their set; None where it means
+    failures : a text for each case that was not proved, or the first where `number` says how many there are.
+    boundary : how many of the cells made, and of those checked, have a neighbour outside their set; None where it means
     nothing.
     """
 
@@ -31,7 +31,7 @@ class Claim:
 
     @property
     def failed(self) -> int:
-        """How many cases failed."""
+        """How many of the checked cases were not proved."""
         return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:

@@ -23,10 +23,13 @@ Times = tuple[float, float]
 
 
 class Grid:
-    """The axes of the state; `ends` are pairs of "unsafe", "wall" or "safe", `spacing` is that of the nodes."""
+    """The axes of the state: `lower`, `upper` and `spacing` of the nodes, lists of a number for each axis.
+
+    periodic (ndim,) bool. ends : for each axis a pair of "unsafe", "wall" or "safe".
+    """
 
     def __init__(self, head: Mapping[str, Any]) -> None:
-        """Read the grid in the head of a file; refused where it is none."""
+        """Read the grid in the head of a file; ValueError where it is none."""
         lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in head["ends"])
         # check 7.28
@@ -56,16 +59,19 @@ class BlackBox:
     def __init__(
         self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
     ) -> None:
-        """A function `given` with so many results for a point of so many components, under fixed inputs."""
+        """The function `given`, called `name` in errors; the other arguments are those of the class."""
         self.name, self.given, self.inputs = name, given, inputs
         self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether it may read a coordinate, "x", or the time, "p"."""
+        """Whether it may read the coordinates, leaf "x": always; or the time, "p": unless its rate is 0."""
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """As those of a formula: both (M, results); ValueError where a value in one of the boxes is beyond them."""
+        """Least and greatest values that its author states for boxes (M, coordinates) and `times`: both (M, results).
+
+        They are tried at a random state of each box, at both times; ValueError where a value is beyond them.
+        """
         least, most = self.stated(low, high, times)
         for time in times:
             place = low + self.rng.random(low.shape) * (high - low)
@@ -77,7 +83,9 @@ class BlackBox:
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds on the values, from its enclosure, or from its slope and rate."""
+        """Bounds, both (M, results), by its enclosure or by slope and rate: value in the middle +- their change to the
+        ends; NaN where they are not finite. ValueError where neither is stated.
+        """
         if self.given.enclosure is not None:
             least, most = self.given.enclosure(low, high, *self.inputs, *times)
             return intervals.sure(self.shaped(least), self.shaped(most))
@@ -110,7 +118,10 @@ class OfInputs:
     """
 
     def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
-        """Functions of one input each with so many results, formulas with so many parameters or black boxes."""
+        """From `each`, the function of every input, a formula or a black box, with so many results.
+
+        parameters : how many formulas have; their constants become parameters behind these.
+        """
         self.results = results
         self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
         self.kind, self.row = (np.empty(len(each), np.int64) for _ in range(2))  # of each input, and its row of these
@@ -151,7 +162,7 @@ class OfInputs:
 
 @dataclass(frozen=True)
 class Part:
-    """The target or an unsafe set."""
+    """The target or an unsafe set, where its function of the coordinates on `axes`, and the time, is <= 0."""
 
     name: str
     axes: tuple[int, ...]
@@ -174,10 +185,10 @@ class Part:
 
 
 class Functions:
-    """The formulas and the black boxes of a file."""
+    """The formulas and the black boxes of a file, by name; `problem` has the functions of the latter."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        """Read which functions are formulas and which are black boxes; refused where one is both."""
+        """Read which functions are formulas and which are black boxes; ValueError where one is both."""
         formulas = head["formulas"]
         expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])  # check 7.17
         self.texts, self.opaque = formulas["functions"], dict(formulas["opaque"])
@@ -190,7 +201,7 @@ class Functions:
         return name in self.texts or name in self.opaque
 
     def table(self, number: int, axes: int) -> Array:
-        """A table of the file, on so many axes."""
+        """The array of a numbered table of the file; ValueError unless it has so many axes, or is too large."""
         if number not in self.tables:
             group = self.arrays.get("tables", getlink=True)
             expect(isinstance(group, h5py.HardLink), "tables must be in the file itself", group)
@@ -202,19 +213,22 @@ class Functions:
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
-        """The formula of a name; ValueError if the file has none."""
+        """Read the formula of a name, of so many coordinates and parameters; ValueError if the file has none such."""
         expect(name in self.texts, f"there must be a formula {name}", [*self.texts])  # check 7.18
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
     def black_box(self, name: str) -> Any:
-        """The black box of that name, of the problem that was given."""
+        """The black box of that name, of the problem that was given; ValueError if that has none."""
         try:
             return self.problem.black_box(name)
         except (AssertionError, AttributeError, LookupError):
             expect(False, "the problem given must have the black box of the file", name)
 
     def part(self, name: str, given: Mapping[str, Any], ndim: int, count: int = 0) -> Part:
-        """A set, by its name among the functions and what the head says; an unsafe one of so many inputs."""
+        """Read a set: its function by `name`, and what the head says of it, `given`; ValueError where that is wrong.
+
+        ndim, count : how many axes and, for an unsafe set, inputs there are.
+        """
         axes = given["axes"]
         fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})  # check 7.24
         fits = fits and all(is_whole(axis, 0, ndim - 1) for axis in axes)  # check 7.23
@@ -229,7 +243,7 @@ class Functions:
         return Part(str(given["name"]), tuple(axes), own, tuple(inputs))
 
     def parts(self, head: Any, ndim: int, count: int) -> tuple[Part | None, list[Part]]:
-        """The target, if there is one, and the unsafe sets, by what the head says of sets."""
+        """Read the target, None if there is none, and the unsafe sets, by the head's list; ValueError if wrong."""
         kinds = [given["kind"] for given in head]
         first = int("target" in kinds)
         fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)  # check 7.25
@@ -239,10 +253,10 @@ class Functions:
 
 
 class Velocity:
-    """Bounds on the velocity, by the formulas of drift, gain and bounds, or of velocity and bounds."""
+    """Bounds on the velocity under each input: drift + gain v, or velocity(v), |v| <= bounds in each component."""
 
     def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
-        """Read the formulas of drift, gain and bounds, or of velocity and bounds, for each of the inputs."""
+        """Read these functions for each of the inputs; ValueError where one has not as many results as it has to."""
         n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
         d = len(bounds.results) // len(inputs)
         fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED  # check 7.19
@@ -268,9 +282,10 @@ class Velocity:
         return any(one.reads("p", 0) for one in self.all)
 
     def steady(self, axis: int, sensed: bool) -> bool:
-        """Whether the velocity along an axis, of measurements that err along all axes, is always in one range.
+        """Whether the velocity along an axis is always in one range, whatever the state and the time.
 
-        Then whoever a wall holds back is where it could be without the wall, clipped.
+        With measurements that err (`sensed`), or where that is not known of one axis alone, along all axes. Then
+        whoever a wall holds back is where it could be without the wall, clipped.
         """
         some = self.all
         if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):

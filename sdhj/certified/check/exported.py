@@ -39,10 +39,13 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
-    """An exported file as read: `ids` of the words of the cells of a start, and the fields of each word."""
+    """An exported file as read: numbers of its head, `ids` of the words of cells, and `fields`, by name, of each word.
+
+    A field is (words,) int64, or (words, L) bool where it says inputs.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read an exported file; refused where a digest, a length or a number does not fit."""
+        """Read an exported file; ValueError where a digest, a length or a number does not fit."""
         version, data = _whole(path)
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
@@ -84,7 +87,7 @@ class Words:
         self.fields = _fields(found, inputs)
 
     def ids(self, start: int) -> Array:
-        """The words of the cells at a start: (cells,)."""
+        """The number of each cell's word at a start: (cells,) uint32, the last axis fastest."""
         ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
@@ -92,7 +95,7 @@ class Words:
 
 
 def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version of an exported file and its bytes; refused where a digest does not fit."""
+    """The version of an exported file and its bytes; ValueError for other versions, and where a digest does not fit."""
     data = Path(path).read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
@@ -103,13 +106,16 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
 
 def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """Arrays of some shapes, of numbers of 16 bits, one behind the other."""
+    """The arrays of these shapes, as int, that lie one behind the other in bytes, each number in 16 signed bits."""
     each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words, (words, bytes) each, as whole numbers or as inputs: bool (words, inputs)."""
+    """The fields of words by name: steps and select as (words,) int64, others as bits of inputs, (words, inputs) bool.
+
+    found : their bytes, (words, bytes) uint8 each.
+    """
     return {
         name: _numbers(some.tobytes(), some.shape[1])
         if name in ("steps", "select")
@@ -119,13 +125,16 @@ def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
 
 
 def _numbers(data: bytes, width: int) -> Array:
-    """Whole numbers of so many bytes, (n,) int64."""
+    """The unsigned whole numbers of `width` bytes each, lowest first, that bytes consist of: (n,) int64."""
     each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
     return each @ (1 << 8 * np.arange(width))
 
 
 def _body(data: bytes, at: int, cells: int, width: int) -> Array:
-    """The words of the cells of a block whose body begins there: (cells,) uint32."""
+    """The numbers of the words of a block's cells, (cells,) uint32, from its body, which begins at data[at].
+
+    A body is a palette of words, `width` bytes each, and for each cell its place in it. ValueError where it is none.
+    """
     bits, colours = struct.unpack_from("<BH", data, at)
     begin = at + 3 + colours * width
     end = begin + -(-cells * bits // 8)
@@ -138,7 +147,10 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 
 
 def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
-    """All claims of an exported table, of the sets of a table's file, and what that tells."""
+    """All claims of an exported table, checked against the sets of the table's file and its head.
+
+    Where cells or inputs are another table's, nothing more is checked. silent : without a progress bar.
+    """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
@@ -156,12 +168,12 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 
 def images_differ(words: Words, sets: Any) -> Iterator[str]:
-    """Steps, inputs and axes of which the exported images are not those that are proved."""
+    """A text for each step, input and axis whose exported images are not those that the table's file proves."""
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):
             said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
             if isinstance(sets, Arm):
-                same = _led_as_an_arm(said, sets, axis, j)
+                same = _arm_images_agree(said, sets, axis, j)
             else:
                 proved = [
                     of[start, j, :, axis].reshape(np.where(sets.known, sets.counts, 1)) for of in (sets.low, sets.high)
@@ -171,8 +183,11 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
                 yield f"start {start}, input {j}, axis {axis}"
 
 
-def _led_as_an_arm(said: Array, sets: Arm, axis: int, j: int) -> bool:
-    """Whether the images of an arm along an axis, said (..., 2), are the cells that `verify` works out."""
+def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
+    """Whether the exported images of an arm along an axis under u_j are the cells that `overlapped` works out.
+
+    said (n, 2) : first and last cell, from each cell's own on.
+    """
     n, drift = int(sets.counts[axis]), sets.scene.inputs()[j][axis] if axis < 2 else Fraction(0)
     push = sets.scene.push(axis)
     if said.size != 2 * n:  # it depends on this axis alone
@@ -185,7 +200,7 @@ def _led_as_an_arm(said: Array, sets: Arm, axis: int, j: int) -> bool:
 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
-    """In what the exported table is of another one than the sets of a file."""
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
     own, near = (
         [*zip(sets.axes, sets.layers, strict=True)],
         np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
@@ -223,8 +238,10 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
 def asked(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """For each field of inputs its name, which inputs it has of each word (words, L), and the steps to go in which they
-    are claimed to lead to the target from each cell, (cells,).
+    """For each field of inputs that lead to the target: its name, which inputs it has of each word, (words, L) bool,
+    and in how many steps they are claimed to lead there from each cell, (cells,), 0 where nothing is claimed.
+
+    ids (cells,) : the cells' words. fewest (cells,) : steps to go by the table's file. left : the steps that are left.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
@@ -241,7 +258,10 @@ def asked(
 def of_steps(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, int, Array]]:
-    """Claims that cells are in sets: how many are made, and the cells of which they are not so."""
+    """Claims that cells are in sets: the field, how many claims are made, and the cells for which they are false.
+
+    ids (cells,) : the cells' words. fewest (cells,) : steps to go by the table's file. left : the steps that are left.
+    """
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
         made = steps != UNPROVED
@@ -253,7 +273,7 @@ def of_steps(
 
 
 def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
-    """The fewest steps to go that are in the file, left + 1 where there are none: (cells,)."""
+    """The fewest steps to go from each cell at a start by the sets of the file, left + 1 for none: (cells,)."""
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1)
@@ -263,7 +283,7 @@ def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
 
 
 def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
-    """Of each claim about the exported words: its name, how many cases, and those that fail."""
+    """Check the words of a robot of one's own: names of fields, how many claims each makes, a text for false ones."""
     for start in tqdm(range(words.starts), desc="exported", disable=silent):
         ids, left = words.ids(start), words.steps - start
         fewest = _fewest(sets, start, left, sets.has_no_target)
@@ -287,7 +307,7 @@ def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, in
 
 
 def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
-    """Of each claim about the exported words, by the arm's rules: its name, cases, and those that fail."""
+    """Check the words of an arm: names of fields, how many claims each makes, a text for each row with false ones."""
     world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
     every, kinds = (
         np.zeros((words.starts, rows, math.prod(sets.counts[2:].tolist())), np.uint32),

@@ -34,7 +34,7 @@ Tables = Callable[[int, int], Array]  # number and axes of a table to its values
 
 @dataclass(frozen=True)
 class Node:
-    """An operation, the numbers of the nodes that it works on, and what else stands in its line."""
+    """One line of a formula: an operation, the numbers of the nodes that are its operands, and constants, `given`."""
 
     name: str
     operands: tuple[int, ...] = ()
@@ -42,27 +42,27 @@ class Node:
 
 
 class Reader:
-    """The lines of one function, `what`, with so many coordinates and parameters; ValueError says what is wrong."""
+    """Reads the lines of one function, with so many coordinates and parameters; ValueErrors name line and function."""
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
-        """A reader of the lines of one formula, `what`, with so many coordinates and parameters."""
+        """A reader that has read nothing yet; what : the function's name in errors; tables : see `Tables`."""
         self.what, self.tables, self.line = what, tables, ""
         self.leaves = {"x": coordinates, "p": parameters}
         self.nodes: list[Node] = []
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
-        """ValueError, with the number and the text of the line, unless it fits."""
+        """Raise ValueError, with what is `wrong`, and the number and text of the line being read, unless it fits."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
-        """A whole number below some number; ValueError otherwise."""
+        """A word of the line as a whole number from 0 to below - 1; ValueError, calling it `of`, otherwise."""
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
     def real(self, word: str) -> float:
-        """A hexadecimal number; ValueError otherwise."""
+        """A word of the line, a hexadecimal number, nan or inf, as a float; ValueError otherwise."""
         try:
             self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
             return float.fromhex(word)
@@ -71,7 +71,7 @@ class Reader:
             raise
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
-        """The numbers of earlier nodes that a line names as operands."""
+        """The words of a line as numbers of earlier nodes, its operands; ValueError otherwise."""
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
 
     def read(self, lines: Any) -> "Formula":
@@ -93,7 +93,10 @@ class Reader:
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
-        """The node of one line: an operation, and its operands or number."""
+        """The node of one line, `name` and the words behind it; a product of a node with itself becomes its square.
+
+        ValueError for unknown operations, wrong operands, and where truth values are needed and not given.
+        """
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
             if name == "const":
@@ -123,7 +126,10 @@ class Reader:
         return node.name in TRUTHS or chosen or known
 
     def gridded(self, words: list[str]) -> Node:
-        """`gridded`, a table, operands, `lower` and `spacing`: as many numbers each as there are operands."""
+        """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand.
+
+        words : those behind `gridded`. Read with its table; ValueError where something does not fit.
+        """
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
         fits = fits and (words[1 + axes], words[2 + 2 * axes]) == ("lower", "spacing")
@@ -139,13 +145,13 @@ class Reader:
 
 @dataclass(frozen=True)
 class Formula:
-    """Lines that were read, and the numbers of the results."""
+    """A function as its nodes, in order, each after its operands, and the numbers of the nodes that are its results."""
 
     nodes: tuple[Node, ...]
     results: tuple[int, ...]
 
     def part(self, first: int, count: int) -> "Formula":
-        """Some of the results alone."""
+        """The formula of `count` of the results, from number `first` on."""
         return Formula(self.nodes, self.results[first : first + count])
 
     def without_constants(self, parameters: int) -> tuple["Formula", list[float]]:
@@ -156,7 +162,7 @@ class Formula:
         nodes, constants, at = list[Node](), list[float](), dict[int, int]()
 
         def number(of: int) -> int:
-            """That of a line here; each constant is another one wherever it stands."""
+            """The number in the new formula of node `of`; a constant becomes a new parameter wherever it stands."""
             if self.nodes[of].name != "const":
                 return at[of]
             nodes.append(Node("p", (), (parameters + len(constants),)))  # check 3.86
@@ -179,7 +185,11 @@ class Formula:
         return Formula(tuple(nodes), results), constants
 
     def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
-        """This formula with constants for parameters, from this number on, that are one in all rows; the rest."""
+        """This formula with constants in place of those parameters, from this number on, that are the same in all rows.
+
+        rows : the constants of each input, as `without_constants` returns them. Returns also what is left of them, for
+        the parameters that stay, which are numbered anew.
+        """
         # check 3.87
         kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
         new = {parameters + k: Node("p", (), (parameters + place,)) for place, k in enumerate(kept)}
@@ -191,7 +201,7 @@ class Formula:
 
     @cached_property
     def form(self) -> tuple[Any, ...]:
-        """What two formulas have in common that are the same, line by line."""
+        """A key that two formulas have in common if they are the same, line by line."""
         lines = []
         for name, operands, given in ((node.name, node.operands, node.given) for node in self.nodes):
             if name == "gridded":
@@ -201,7 +211,7 @@ class Formula:
 
     @cached_property
     def least_of(self) -> list["Formula"]:
-        """The functions of whose values the one result is the least."""
+        """The formulas of whose values the first result is the least: the operands of its `min`s."""
         found, left = list[int](), [self.results[0]]
         while left:
             node = self.nodes[number := left.pop()]
@@ -213,7 +223,7 @@ class Formula:
 
     @cached_property
     def needed(self) -> list[int]:
-        """The lines that the results rest on, in order."""
+        """The numbers of the nodes that the results rest on, ascending."""
         found, left = set(self.results), list(set(self.results))
         while left:
             new = set(self.nodes[left.pop()].operands) - found
@@ -223,7 +233,7 @@ class Formula:
 
     @cached_property
     def done(self) -> dict[int, list[int]]:
-        """Which values are no longer needed after each line."""
+        """By the number of a node, those whose values are no longer needed after it has been evaluated."""
         last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
         done: dict[int, list[int]] = {}
         for operand in last.keys() - set(self.results):
@@ -232,7 +242,7 @@ class Formula:
 
     @cached_property
     def boxes(self) -> int:
-        """How many boxes are evaluated at once, so that memory is bounded."""
+        """How many boxes are evaluated at once, so that all values in memory are at most `MOST_NUMBERS`."""
         most = count = 0
         for number in self.needed:
             count += 1
@@ -241,20 +251,24 @@ class Formula:
         return max(min(MOST_BOXES, MOST_NUMBERS // (2 * most + 1)), 1)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether a result rests on a coordinate, "x", or a parameter, "p"; on any of them, or on one."""
+        """Whether a result rests on a coordinate, leaf "x", or a parameter, "p": on that of a number, or on any."""
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)  # check 7.2
 
     @cached_property
     def jumps(self) -> list[int]:
-        """The lines that jump, where there are few."""
+        """The numbers of the nodes that jump (`JUMPS`), where there are no more than `MOST_JUMPS`; else none."""
         found = [number for number in self.needed if self.nodes[number].name in JUMPS]
         return found if len(found) <= MOST_JUMPS else []
 
     def __call__(
         self, low: Array, high: Array, parameters: list[tuple[Any, Any]], sides: Mapping[int, int]
     ) -> Iterator[Interval]:
-        """Bounds of each result over boxes (M, coordinates); arrays that broadcast to (M,). On `sides` of jumps."""
+        """Bounds of each result over boxes (M, coordinates), pairs of arrays that broadcast to (M,); NaN if unknown.
+
+        parameters : a pair for each, of numbers or arrays (M,). sides : 0 or 1 for nodes of which one side of the jump
+        alone counts.
+        """
         values: dict[int, Interval] = {}
         for number in self.needed:
             node = self.nodes[number]
@@ -295,7 +309,7 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) on some sides of the jumps."""
+        """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps (`__call__`), few at a time."""
         out = np.empty((2, len(low), len(self.results)))
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
@@ -307,7 +321,10 @@ class Formula:
 
 
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
-    """A function of the file, of so many coordinates and parameters; ValueError where it is none."""
+    """Read a function of the file, called `what` in errors, from `given`, its part of the head.
+
+    ValueError unless it is a formula of so many coordinates and parameters. tables : see `Tables`.
+    """
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
         expect(given[name] == count, f"{what} must have {count} {name}", given[name])  # check 7.22
     return Reader(what, coordinates, parameters, tables).read(given["lines"])

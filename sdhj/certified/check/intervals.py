@@ -32,23 +32,23 @@ MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
 
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
-    """Ends moved outward by a share of their size, and by `least`."""
+    """[low - (by |low| + least), high + (by |high| + least)]: ends moved outward by a share of their size and more."""
     return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)  # check 6.4
 
 
 def sure(low: Array, high: Array) -> Interval:
-    """NaN at both ends where one is not finite."""
+    """[low, high], with NaN at both ends where one of them is not finite."""
     known = np.isfinite(low) & np.isfinite(high)  # check 6.24
     return (low, high) if known.all() else (np.where(known, low, np.nan), np.where(known, high, np.nan))
 
 
 def unless(undefined: Array, low: Array, high: Array) -> Interval:
-    """[low, high], and NaN where it is undefined."""
+    """[low, high], with NaN at both ends where `undefined`."""
     return np.where(undefined, np.nan, low), np.where(undefined, np.nan, high)
 
 
 def above(least: float, low: Array, high: Array) -> Interval:
-    """The part from `least` on, where nothing lies below it."""
+    """[max(low, least), high], for functions whose values are at least `least`."""
     return np.maximum(low, least), high  # check 6.6
 
 
@@ -56,7 +56,7 @@ def above(least: float, low: Array, high: Array) -> Interval:
 
 
 def add(a: Interval, b: Interval) -> Interval:
-    """Outward only where the rounded sum is not beyond the exact one: so the border of a closed set is in it."""
+    """a + b, rounded outward only where the rounded sum is not beyond the exact one: a closed set keeps its border."""
     low, high = a[0] + b[0], a[1] + b[1]
     least, most = outward(low, high)
     return np.where(rest(a[0], b[0], low) >= 0.0, low, least), np.where(rest(a[1], b[1], high) <= 0.0, high, most)
@@ -74,13 +74,13 @@ def rest(a: Array, b: Array, total: Array) -> Array:
 
 
 def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """The least and the greatest result at the corners, not rounded outward."""
+    """The least and the greatest value of a function `of` at the four pairs of ends of a and b, not rounded outward."""
     ends = [of(p, q) for p in a for q in b]  # check 6.26
     return reduce(np.minimum, ends), reduce(np.maximum, ends)
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """Products or quotients; rounding does not change the sign where it is known."""
+    """The hull of products or quotients of the ends, rounded outward, but not across 0 where the sign is known."""
     low, high = outward(*corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
@@ -115,7 +115,7 @@ def size(a: Interval) -> Interval:
 
 
 def raised(x: Array, n: int) -> Interval:
-    """x**n for numbers x >= 0 and n >= 1, by squares and products."""
+    """Bounds on x^n for numbers x >= 0 and a whole n >= 1, by squares and products, each rounded outward."""
     low = high = x
     for bit in f"{n:b}"[1:]:
         low, high = above(0.0, *outward(low * low, high * high, least=TINY))
@@ -125,7 +125,7 @@ def raised(x: Array, n: int) -> Interval:
 
 
 def power(a: Interval, n: int) -> Interval:
-    """a^n for a whole n: by squaring, as a product, or as 1 / a^-n."""
+    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n."""
     if n < 0:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
@@ -138,7 +138,10 @@ def power(a: Interval, n: int) -> Interval:
 
 
 def pow_(a: Interval, b: Interval) -> Interval:
-    """It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)"""
+    """a^b for a > 0, or a = 0 and b > 0, else NaN: the hull of the powers of the ends, rounded outward.
+
+    It rises or falls with each operand alone: the extremes are at corners. (NumPy's 1**NaN and NaN**0 are 1.)
+    """
     low, high = above(0.0, *outward(*corners(np.power, a, b), UNITS, TINY))
     defined = (a[0] > 0) | ((a[0] == 0) & (b[0] > 0))  # check 6.11
     return unless(~defined | np.isnan(b[0]), low, high)  # check 6.12
@@ -150,7 +153,7 @@ def pow_(a: Interval, b: Interval) -> Interval:
 def rising(
     function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
 ) -> Callable[..., Interval]:
-    """The rule of a function that rises, with values from `least` to `most`."""
+    """The rule, from an interval to an interval, of a function f that rises and has values from `least` to `most`."""
 
     def rule(a: Interval) -> Interval:
         """[f(low), f(high)], rounded outward and clipped to the function's range."""
@@ -171,7 +174,10 @@ def arccos(a: Interval) -> Interval:
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
-    """The rule of sine or cosine; a hill is there, in turns, and at every whole turn from it, a valley between two."""
+    """The rule, from an interval to an interval, of `function`, sine or cosine.
+
+    A hill, where it is 1, is at `hill`, in turns, and at every whole turn from it; a valley lies between two.
+    """
 
     def rule(a: Interval) -> Interval:
         """The hull of the ends' values, 1 where [low, high] may hold a maximum and -1 where a minimum."""
@@ -196,7 +202,8 @@ def tan(a: Interval) -> Interval:
 
 
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
-    """At corners, because a box that does not contain the origin is convex; any angle where the jump may be met.
+    """The angle of (x, y): the hull of those at the corners, rounded outward; [-pi, pi] where the jump, y = 0 and
+    x <= 0, may be met. At corners, because a box that does not contain the origin is convex.
 
     Side 0 and 1: of the part of the box above and below the jump alone, where it is met.
     """
@@ -211,7 +218,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
 
 
 def hypot(a: Interval, b: Interval) -> Interval:
-    """A length is 0 only where both operands are, and exactly so: it does not underflow."""
+    """sqrt(a^2 + b^2), rounded outward and not below 0; it is 0 exactly where both are, as it does not underflow."""
     (a0, a1), (b0, b1) = size(a), size(b)  # check 6.31
     low, high = np.hypot(a0, b0), np.hypot(a1, b1)
     return above(0.0, *outward(low, high, UNITS, np.where(high == 0.0, 0.0, TINY)))
@@ -274,11 +281,12 @@ InBlocks = dict[
 def gridded(
     operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
 ) -> Interval:
-    """Multilinear interpolation between nodes at lower + i * spacing, clipped at the ends.
+    """Bounds of the multilinear interpolation of a table between nodes at lower + i * spacing, clipped at the ends.
 
-    In a box that it cuts out of one cell it has its extremes at corners, so over a box at points whose coordinates
-    are ends of the box or nodes between. A box with many nodes lies between the least and the greatest node around it,
-    known of blocks of nodes: of larger ones for larger boxes, so that it takes equally long for any.
+    operands : an interval for each axis. kept : what `at_blocks` keeps of the table. In a box that it cuts out of one
+    cell it has its extremes at corners, so over a box at points whose coordinates are ends of the box or nodes between.
+    A box with many nodes lies between the least and the greatest node around it, known of blocks of nodes: of larger
+    ones for larger boxes, so that it takes equally long for any.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -301,7 +309,7 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Every column that there is of whole numbers (axes, M), and the places where it is."""
+    """Group M columns (axes, M) of whole numbers: each column that there is, and the places (m,) where it is."""
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
@@ -328,9 +336,9 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
 
 
 def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: InBlocks) -> Array:
-    """The least and the greatest value at the nodes in and around boxes, as (2, M), looked up in blocks of nodes.
+    """The least and the greatest value at the nodes in and around boxes (axes, M), low to high, in blocks: (2, M).
 
-    Blocks are of 2^-power nodes along each axis.
+    Blocks are of 2^-power nodes along each axis, and kept in `kept` for the next time. low, high : in units of nodes.
     """
     blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23

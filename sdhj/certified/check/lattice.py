@@ -48,13 +48,19 @@ def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
 
 
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
-    """Bytes of the lattices of a set with so many periodic axes, and of what the last one is made of."""
+    """Bytes of the lattices of a set at so many times, and of what the last one is made of.
+
+    counts : cells on each of the set's axes. laps : how many of these are periodic.
+    """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
     return boxes * ((4 * times << laps) + (2 << laps) + 4)
 
 
 class Lattice:
-    """The boxes of a set's axes, pieces of its cells, and what tubes are looked up without."""
+    """Boxes of a set's axes, pieces of the cells there, and how tubes are looked up in them.
+
+    Boxes are bounded `wider`, and tubes looked up `without` as much, (axes,) each: see above.
+    """
 
     def __init__(
         self,
@@ -66,9 +72,10 @@ class Lattice:
         alike: Array | None = None,
         tubes: Array | None = None,
     ) -> None:
-        """Edges of cells, cut into pieces; near: as it counts as in a cell; sway: how far most tubes stick out.
+        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
 
-        alike (d,) : the axes along which boxes are whole cells with all that tubes (2, d) stick out of them
+        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
+        alike (axes,) : the axes along which boxes are whole cells with all that tubes (2, axes) stick out of them
         """
         cuts = np.broadcast_to(pieces, len(edges)).tolist()
         self.edges = [
@@ -96,9 +103,9 @@ class Lattice:
         return np.concatenate(out)
 
     def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set are before each corner: periodic axes twice over.
+        """How many boxes that may meet a set are before each corner, as `sums` says: int32, (2 n + 1) on periodic axes.
 
-        every : functions, each of which is above 0 outside the set, and says where it is, and where it nowhere is.
+        every : for each function of which the set's is the least, where it is > 0 all over boxes, and where <= 0.
         """
         return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
 
@@ -136,7 +143,10 @@ class Lattice:
         return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """From which box along an axis to which tubes from low to high overlap boxes; of each cell, where all alike."""
+        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap.
+
+        That of each cell where all are alike: low and high are then (M, cells).
+        """
         if self.alike[axis]:
             own = np.broadcast_to(np.arange(self.shape[axis]), low.shape)
             return own, own
@@ -157,7 +167,7 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set, bool, are before each corner; periodic axes twice over."""
+    """How many cells of a set (*n) bool are below each corner on all axes: (*n + 1) int32; periodic axes twice."""
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
@@ -167,7 +177,10 @@ def sums(inside: Array, periodic: Array) -> Array:
 
 
 def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells are in boxes and in a set with such sums; of each axis from which to before which, both (M,)."""
+    """How many cells are both in boxes and in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
+
+    ends : for each axis the first cell of the boxes and the one past the last, both (M,).
+    """
     total, flat = np.zeros(len(ends[0][0]), np.int32), of.ravel()
     strides = np.cumprod([1, *of.shape[:0:-1]])[::-1]
     own = [(first * stride, past * stride) for (first, past), stride in zip(ends, strides.tolist(), strict=True)]

@@ -24,7 +24,7 @@ ROUNDED = 1e-15  # of the terms that are added up
 
 
 def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Least and greatest n . x over boxes (M, ndim), rounded outward: both (M, K)."""
+    """Least and greatest n . x over boxes (M, ndim) for K normals (K, ndim), rounded outward: both (M, K)."""
     out = np.zeros((2, len(low), len(normals)))
     for k, normal in enumerate(normals):
         for axis in np.flatnonzero(normal):
@@ -38,7 +38,10 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
 def rates_along(
     velocity: Velocity, normals: Array, inputs: Array, low: Array, high: Array, times: Times, cuts: int
 ) -> tuple[Array, Array]:
-    """Least and greatest n . f under inputs (M,) and any adversary over boxes (M, ndim): both (M, K)."""
+    """Least and greatest n . f under inputs (M,) and any adversary over boxes (M, ndim) and times: both (M, K).
+
+    f is the velocity, n one of K normals. cuts : into how many pieces each component of a nonlinear v is cut, at most.
+    """
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
         least, most = spread(normals, *velocity.of["drift"].bounds(inputs, low, high, times))
@@ -61,10 +64,14 @@ def rates_along(
 
 
 class Lines:
-    """The lines of a file; ValueError where they do not fit its moves, low and high (starts, L, places, ndim)."""
+    """The lines of a file: each (starts, L, places, rows, 2) int16, the first and the last cell along the last axis,
+    from a cell's own on; normals (K, ndim); halo (2, ndim), so near to an end of an axis a cell has no lines.
+    """
 
     def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
-        """Read and check what the proof's part of a file states, and the lines among its arrays."""
+        """Read what the proof's part of a file states, and the lines among its arrays; ValueError where these do not
+        fit the moves of the `Robot`, `low` and `high`.
+        """
         ndim = robot.grid.ndim
         given, halo = stated["normals"], stated["halo"]
         fits = isinstance(given, list) and 0 < len(given) <= MOST_NORMALS  # check 7.50
@@ -91,12 +98,14 @@ class Lines:
         self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
 
     def far_from_ends(self, cells: Array, counts: Array) -> Array:
-        """Which cells (M, ndim) have lines: (M,)."""
+        """Which cells (M, ndim) have lines, being as far from all ends as `halo` says: (M,) bool. counts (ndim,)."""
         # check 3.75
         return np.all((cells >= self.halo[0]) & (cells < counts - self.halo[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Each row of boxes of cells (M, ndim): its number, where it is on all axes, and which boxes have it."""
+        """Each row of boxes of cells from low to high (M, ndim): its number, where it is on all axes, (M, ndim), in
+        which only those that a normal has a part along count, and which boxes have it, (M,) bool.
+        """
         numbers = (high - low + 1)[:, self.leading]
         for row in range(self.each.shape[3]):
             at, rest = low.copy(), np.full(len(low), row)
@@ -108,14 +117,18 @@ class Lines:
     def reached(
         self, robot: Any, boxes: Array, inputs: Array, swept: Array, start: float, cuts: int
     ) -> tuple[Array, Array]:
-        """How far the states of boxes (2, M, ndim) with tubes `swept` get along the normals: both (M, K)."""
+        """The least and the most that n . x may change in an interval for states of boxes (2, M, ndim): both (M, K).
+
+        inputs (M,); swept (M, parts, 2, ndim) : how far the ends of the boxes move in each part; start : when, s; cuts
+        : as of `rates_along`.
+        """
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
         times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
         for part, when in enumerate(pairwise(times)):
             box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
             def bounds(low: Array, high: Array, of: Array, when: Times = when) -> tuple[Array, Array]:
-                """Those of n . f in one part."""
+                """Least and greatest n . f over boxes (m, ndim) in one part, of the rows `of` (m,): both (m, K)."""
                 return rates_along(robot.moves, self.normals, inputs[of], low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
@@ -125,7 +138,11 @@ class Lines:
         return out[0], out[1]
 
     def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: Array, swept: Array, cuts: int) -> Array:
-        """Whether lines hold all that is between the planes, and `halo` what ends may meet, under inputs j: (M,)."""
+        """Whether the file's lines hold every cell of the images that is between the planes, and `halo` is as wide as
+        anything gets beyond a cell: (M,) bool, for boxes (2, M, ndim) of the cells at places (M,) under inputs j (M,).
+
+        start : which of the moves. swept, cuts : as of `reached`.
+        """
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
         # check 3.57
@@ -161,7 +178,10 @@ class Lines:
         return fits
 
     def inside(self, robot: Any, cells: Array, start: int, j: int, sums: Array) -> Array:
-        """Whether all cells of the lines of cells (M, ndim), far from the ends, are in a set with such sums: (M,)."""
+        """Whether all cells of the lines of cells (M, ndim) under u_j are in a set with such `sums`: (M,) bool.
+
+        The cells are `far_from_ends`. start : which of the moves.
+        """
         places, out = cells @ robot.strides, np.ones(len(cells), np.bool_)
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         for row, at, there in self.rows(low, high):

@@ -48,7 +48,7 @@ def decimal(value: float) -> Fraction:
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
-    """ValueError with what was expected and what was given, unless it fits."""
+    """Raise ValueError("{what}, got {given}") unless `fits`; `what` says what was expected."""
     if not fits:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
@@ -59,21 +59,25 @@ def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
 
 
 def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """A number of the head, from `least` to `most`."""
+    """A number of the head as a float; ValueError, calling it `name`, unless it is one from `least` to `most`."""
     fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most  # check 7.29
     expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
     return float(value)
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
-    """So many numbers of the head."""
+    """So many numbers of the head, as floats; ValueError, calling them `name`, unless all are from `least` on."""
     expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)  # check 7.33
     return [real(name, value, least) for value in values]
 
 
 @contextmanager
 def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """The head and the arrays of a file; ValueError if its bytes are not those written, OSError without it."""
+    """A context with the head and the open arrays of a file, whose digests are right.
+
+    ValueError if its bytes are not those written, if the problem's digest is another, and in place of whatever goes
+    wrong inside the context; OSError without the file; MemoryError where its arrays do not fit.
+    """
     if not os.path.isfile(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
     with open(path, "rb") as stream:
@@ -124,7 +128,7 @@ def sizes(arrays: h5py.File) -> int:
 
 
 def expect_room(needed: int) -> None:
-    """MemoryError where so many bytes are more than can still be had of the machine, this process or its group."""
+    """Raise MemoryError if `needed` bytes are more than can still be had of the machine, this process or its group."""
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -135,7 +139,7 @@ def expect_room(needed: int) -> None:
 
 
 def free_memory() -> Iterator[float]:
-    """Bytes that are free, as far as the system says so."""
+    """Bytes that are free by each limit that the system tells: the machine's, the group's, the process's; first inf."""
     yield math.inf
     with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
         found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
@@ -154,7 +158,11 @@ def free_memory() -> Iterator[float]:
 
 
 def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
-    """An array of numbers inside a file, looked at before it is read; None stands for any length, ... for any shape."""
+    """Read an array of a dtype and shape inside a file; None stands for any length, a single ... for any shape.
+
+    Looked at before it is read: ValueError if it is none, lies elsewhere, is packed too tightly or has more than `most`
+    bytes.
+    """
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
     data = file[name]
@@ -178,10 +186,10 @@ def fraction(text: Any) -> Fraction:
 
 
 class Sensing:
-    """How the robot senses; `error` for each axis."""
+    """How the robot senses: `error` (ndim,) of a measurement, `delay` and `jitter`, s, and whether with a `memory`."""
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
-        """Read measurement error, delay and jitter; refused where one is negative or too long for the interval."""
+        """Read them from a head; ValueError where one is negative or too long for an interval of `delta` seconds."""
         error = head.get("error", 0.0)
         # check 7.34
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
@@ -198,11 +206,16 @@ class Sensing:
 class Sets:
     """The cells of each axis and the sets: of each entry and each *row*, a cell of the first axes, a block of the pool.
 
-    axes : of each the lower end, the width of a cell, and bounds on the length.
+    axes : of each the lower end, the width of a cell, and bounds on the length, as fractions. layers : of each how many
+    there are at the lower and the upper end. counts (ndim,) : cells of each, layers included. index (entries, rows) :
+    numbers of blocks; pool (blocks, words) uint64 : the cells of the other axes as bits.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
-        """Read the cells of `ndim` axes and the sets on them; refused where an array does not fit."""
+        """Read the cells of `ndim` axes and the sets on them; ValueError where an array does not fit.
+
+        rows : how many axes number the rows. entries : how many sets there are; None: any number.
+        """
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
         # check 7.38
         expect(all(is_whole(n, 2, MOST_ON_AN_AXIS) for n in shape), "shape must be numbers of cells", shape)
@@ -228,7 +241,11 @@ class Sets:
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """Faults of the cells of axes: of each its begin, least and greatest length, the doubt about it."""
+        """A text for each axis that its cells do not cover, or not with each of them needed.
+
+        ends : of each axis where it begins (None: anywhere), its least and greatest length, and how far apart the
+        file's bounds on the length may be.
+        """
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)
         for axis, (cells, some, (low, width, least, most), (begin, shortest, longest, doubt)) in enumerate(own):

@@ -75,7 +75,11 @@ Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
-    """Whether something holds in boxes (2, M, axes), or in all halves of one along some axes, so many times: (M,)."""
+    """Whether something is proved to hold all over boxes (2, M, axes): (M,) bool.
+
+    holds : see `Holds`; a box for which it leaves that open is halved along the axes `along` (axes,) bool, `depth`
+    times at most.
+    """
     count, depth = boxes.shape[1], depth if along.any() else 0
     out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
     while left:
@@ -94,16 +98,22 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
 
 
 def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
-    """The answers of a function for cells (M,), asked for so many at a time that memory is bounded."""
+    """The answers (M, ...) of a function of numbers (M,), asked for `BOXES_AT_ONCE` at a time to bound memory."""
     begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
     return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
 
 class Robot(Sets):
-    """The functions of a file over boxes, and its sets; ValueError where the two do not fit together."""
+    """A robot of one's own as a file describes it: its functions over boxes, its cells, and the sets of these.
+
+    `claims` checks all that the file says of them. Where this does not fit together it is refused by a ValueError.
+    """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        """Read the problem of a file, its cells and its sets; refused where a part does not fit."""
+        """Read the problem of a file, its cells and its sets; ValueError where a part does not fit.
+
+        problem : has the black boxes, or None.
+        """
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
         # check 7.36
         expect(is_whole(self.steps, 1, MOST_STEPS), f"steps must be a number up to {MOST_STEPS}", self.steps)
@@ -163,7 +173,11 @@ class Robot(Sets):
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
-        """Read what the proof says of the cells: which axes they depend on, their moves, the clear inputs."""
+        """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals.
+
+        stated : its part of the head. endless : whether sets are to hold for ever. ValueError where an array does not
+        fit the problem.
+        """
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         # check 7.37
         expect(is_whole(self.parts, 1, MOST_COUNTED), f"parts must be a number up to {MOST_COUNTED}", self.parts)
@@ -192,7 +206,11 @@ class Robot(Sets):
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
-        """Strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes)."""
+        """Strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
+
+        A cell is at the site sum(cell * strides). Of length 0 where the proof states none; ValueError where there can
+        be none.
+        """
         if not stated.get("arrives"):
             return np.zeros(len(self.counts), np.int64), np.zeros((0, 0, 0), np.uint8)
         # who measures does not know that he is in the target but by the cells of a goal
@@ -227,37 +245,44 @@ class Robot(Sets):
         return wrong
 
     def time(self, step: int) -> float:
-        """When the input of a step begins, but for jitter."""
+        """When the input of a step begins, s, but for jitter: step * delta + delay."""
         return step * self.delta + self.delay  # check 4.41
 
     def ends(self, cells: Array, wider: Any = 0.0) -> Array:
-        """Lower and upper ends of cells (M, ndim), moved outward: (2, M, ndim)."""
+        """Lower and upper ends of cells (M, ndim), moved outward by `wider`, (ndim,) or a number: (2, M, ndim)."""
         beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
         return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
 
     def cells(self, numbers: Array) -> Array:
-        """The cells (M, ndim) of numbers (M,)."""
+        """The cells (M, ndim) of flat numbers (M,), the last axis fastest."""
         return np.stack(np.unravel_index(numbers, self.counts), axis=1)
 
     # ---- functions over boxes (2, M, axes), and times
 
     def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds of a function that a set is made of, both (M,)."""
+        """Bounds of one function of a set over boxes (2, M, axes) and times: both (M,), infinite where unknown.
+
+        That of a black box is noted in `trusted`.
+        """
         if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
         least, most = self.cut(part.axes, box, lambda low, high, _: one.bounds(low, high, times))
         return least[:, 0], most[:, 0]
 
     def velocity(self, j: Any, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
-        """Bounds of the velocity under an input, or one of each box (M,), and any adversary, or none: (M, ndim)."""
+        """Bounds of the velocity over boxes (2, M, ndim) and times, under u_j, one j or (M,): both (M, ndim).
+
+        With any adversary or, unless `pushed`, none; infinite where unknown.
+        """
         axes, inputs = range(len(self.counts)), np.broadcast_to(j, box.shape[1])
         # check 3.84
         return self.cut(axes, box, lambda low, high, of: self.moves.bounds(inputs[of], low, high, times, pushed))
 
     def cut(self, axes: Iterable[int], box: Array, bounds: Bounds) -> tuple[Array, Array]:
-        """Bounds over boxes, evaluated within the ends of the axes: in two halves where a periodic one closes.
+        """Bounds of a function (`Bounds`) over boxes (2, M, axes) of some axes, within the ends of the grid: (M, ...).
 
-        Where nothing is known they are infinite.
+        A box is clipped at bounded ends, and evaluated in two halves where a periodic axis closes. Where nothing is
+        known bounds are infinite.
         """
         box, grid, count, halves = box.copy(), self.grid, box.shape[1], list[tuple[Array, int]]()
         of = np.arange(count)
@@ -286,7 +311,7 @@ class Robot(Sets):
     # ---- predictions
 
     def known_within(self) -> list[str]:
-        """Inputs with which a prediction may be off by more than the file says.
+        """A text for each input and stride of the delay with which a prediction may be off by more than the file says.
 
         What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
         from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
@@ -309,7 +334,10 @@ class Robot(Sets):
     # ---- moves
 
     def cells_at(self, places: Array, strides: Array | None = None) -> Array:
-        """A cell (M, ndim) at each place, or at a number by other strides, the first on the other axes."""
+        """The cell (M, ndim) at each place (M,), the first one on the axes that are no place's.
+
+        strides (ndim,) : others than those of places, such as of sites.
+        """
         own = zip((self.strides if strides is None else strides).tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
 
@@ -319,9 +347,10 @@ class Robot(Sets):
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
     def driven(self, places: Array, j: Any, start: float, finer: int) -> tuple[Array, Array]:
-        """How far the ends of boxes at places move under an input, or one of each (M,), from a time on.
+        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
 
-        In each part (M, parts, 2, ndim), at last (2, M, ndim).
+        At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
+        predicted or carried on. finer : into how many pieces each part is cut. ValueError as of `piece`.
         """
         grid, at = self.grid, self.boxes(places)
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
@@ -330,7 +359,7 @@ class Robot(Sets):
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
-            """Displacements, stopped where a wall is reached; rounded outward there."""
+            """Displacements (2, M, ndim) of the boxes' ends, stopped where a wall is reached; rounded outward there."""
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
@@ -371,7 +400,11 @@ class Robot(Sets):
         return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
-        """`moved` after a piece: an end of the box moves as the velocity can be in the face on its side."""
+        """How far, (2, M, ndim), ends of boxes have moved after a piece; at its begin they are `box`, moved by `moved`.
+
+        An end moves as the velocity can be in the face on its side of a box that the state does not leave meanwhile.
+        ValueError where none is found. j : as of `driven`; times : of the piece, s.
+        """
         h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
         for _ in range(30):
             enclosure = box + OUTWARD * self.known * (grown + some)
@@ -400,7 +433,10 @@ class Robot(Sets):
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
-        """Whether what is reached from places under an input, or one of each, lies in the cells of the file: (M,)."""
+        """Whether what places (M,) lead to under u_j, one j or (M,), lies in the cells of the file's moves: (M,) bool.
+
+        moved (2, M, ndim) : how far the ends of the cells move, of `driven`. start : which of the moves.
+        """
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (lower, width, least, most) in enumerate(self.axes):
             low, high = (array[start, j, places, axis].astype(np.int64) for array in (self.low, self.high))
@@ -418,10 +454,14 @@ class Robot(Sets):
         return fits
 
     def stays_near(self, j: int, boxes: Array, times: Times, allowed: Array, travel: Array) -> Array:
-        """Whether predictions from boxes (2, M, ndim) stay within `off`; where that is open, boxes are halved: (M,)."""
+        """Whether predictions from measurements in boxes (2, M, ndim) stay within `off` over a delay: (M,) bool.
+
+        delay * |velocity - undisturbed velocity| <= allowed (ndim,) is to hold near each, u_j acting in `times`; travel
+        (2, 1, ndim) : how far a state may move meanwhile. Where it is open boxes are halved.
+        """
 
         def near(box: Array) -> tuple[Array, Array]:
-            """Whether velocities in a box around the prediction differ from the undisturbed by little enough."""
+            """Whether velocities around predictions in boxes (2, m, ndim) differ by little enough: (m,); and False."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
@@ -433,7 +473,7 @@ class Robot(Sets):
     # ---- tubes and sets
 
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
-        """Whether boxes (2, M, axes) are proved to be outside a set, (M,)."""
+        """Whether boxes (2, M, axes) are proved to be outside a set at all `times`, halved `depth` times: (M,) bool."""
         out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
         for one in part.least_of:
             left = np.flatnonzero(out)
@@ -441,22 +481,26 @@ class Robot(Sets):
         return out
 
     def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
-        """Where a function that a set is made of is above 0 all over a box, and where all of the box is in the set."""
+        """Whether a function of a set is > 0 all over boxes (2, M, axes) at all times, and whether <= 0: both (M,)."""
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
 
     def inside(self, part: Part, box: Array, times: Times) -> Array:
-        """Whether boxes (2, M, axes) are proved to be inside a set, (M,)."""
+        """Whether boxes (2, M, axes) are proved to be inside a set at all `times`: (M,) bool."""
 
         def holds(some: Array) -> tuple[Array, Array]:
-            """Where the function is at most 0 all over a box, and where it nowhere is."""
+            """Whether the function is <= 0 all over boxes (2, m, axes), and whether it is > 0 somewhere: both (m,)."""
             least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0  # check 5.17
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
     def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
-        """Whether tubes swept[at] of u_j from boxes (2, M, ndim) are clear in the interval from a step: (M,)."""
+        """Whether tubes of u_j from boxes `ends` (2, M, ndim) are proved clear in the interval from a step: (M,) bool.
+
+        Of unsafe ends, and of the sets that are unsafe under u_j. swept (places, parts, 2, ndim) : of `driven`; at (M,)
+        : which of these is each box's. depth : how often boxes are halved.
+        """
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.not_gone(ends, swept, at)
         whole = ends + np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)])[:, at]  # check 4.44
@@ -483,7 +527,9 @@ class Robot(Sets):
         return out
 
     def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
-        """A lattice of an unsafe set, and how many boxes may meet it in the parts of an interval; each is made once."""
+        """The lattice of an unsafe set, by number, and its counted boxes (`Lattice.counted`) for each part of the
+        interval from a step, or one for all where the set stands still; each is made once and kept.
+        """
         part = self.unsafe[number]
         own, key = list(part.axes), (number, step if part.moving else 0)
         if key not in self.lattices:
@@ -496,19 +542,23 @@ class Robot(Sets):
         return self.lattices[key]
 
     def pieces(self, part: Part) -> int:
-        """How many pieces cells are cut into for a set; 0 where that is no use."""
+        """How many pieces cells are cut into along each axis for the lattice of a set; 0: too many cells for one."""
         times = len(self.clear) * self.parts if part.moving else 1
         return pieces_of(self.counts[list(part.axes)].tolist(), times)
 
     @cached_property
     def sway(self) -> Array:
-        """How far a tube sticks out of its cell to both sides, about: (ndim,)."""
+        """About how far a tube sticks out of its cell to both sides, by disturbance and `off`: (ndim,); a guess."""
         middle, now = np.add(self.grid.lower, self.grid.upper) / 2, (self.time(0), self.time(0))
         slow, fast = self.velocity(0, np.tile(middle, (2, 1, 1)), now)
         return (fast - slow)[0] / 2 * self.length + self.off
 
     def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
-        """As `clear_holds`, of tubes swept[at] from cells of these numbers (M,), looked up; False means still open."""
+        """Whether tubes of u_j from cells of these numbers (M,) are proved clear by the sets' lattices: (M,) bool.
+
+        False where that leaves it open, to be asked of `clear_holds`. swept (places, parts, 2, ndim) : tubes from the
+        cells at places (P,); at (M,) : which of these is each cell's.
+        """
         grid, out = self.grid, np.ones(len(numbers), np.bool_)
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
         for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
@@ -540,7 +590,11 @@ class Robot(Sets):
         places: Array,
         at: Array,
     ) -> Array:
-        """Whether tubes tube[at] from cells of these numbers (M,) overlap no box that is counted: (M,)."""
+        """Whether tubes from cells of these numbers (M,) overlap no box of a lattice that may meet the set: (M,) bool.
+
+        counts : of `Lattice.counted`; axes : the set's. tube (P, 2, ndim) : how far the ends of the cells at places
+        (P,) move; at (M,) : which of these is each cell's.
+        """
         spans = [boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)]
         out = np.empty(len(numbers), np.bool_)
         for begin in range(0, len(numbers), BOXES_AT_ONCE):
@@ -552,7 +606,10 @@ class Robot(Sets):
         return out
 
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
-        """Ends of tubes along an axis, from its cell at each place, or from every cell there is: (places, 1 or n)."""
+        """Lower and upper ends of tubes along an axis, both (P, 1) or, from each of its n cells, (P, n).
+
+        One where the axis is a place's. tube (P, 2, ndim) : how far the ends of the cells at places (P,) move.
+        """
         if not self.known[axis]:
             return self.carried(axis, tube[:, :, axis])
         cells, near, edges = self.cells_at(places)[:, axis, None], 2 * self.near[axis], self.edges[axis]
@@ -564,7 +621,10 @@ class Robot(Sets):
         return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
-        """`clear_holds` of the cells of these numbers (M,), so many at a time that memory is bounded."""
+        """Whether tubes swept[at] of u_j from cells of these numbers (M,) are proved clear in a step's interval: (M,).
+
+        By `clear_holds`, of `BOXES_AT_ONCE` cells at a time to bound memory.
+        """
         out = np.empty(numbers.size, np.bool_)
         for begin in range(0, numbers.size, BOXES_AT_ONCE):
             own = slice(begin, begin + BOXES_AT_ONCE)
@@ -572,11 +632,14 @@ class Robot(Sets):
         return out
 
     def cuts(self, step: int) -> list[float]:
-        """When the parts of the interval from a step begin and end."""
+        """The times, s, at which the parts of the interval from a step begin and end: parts + 1 of them."""
         return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
 
     def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
-        """In which parts what began between `ends` (2, M, ndim) may still be between the safe ends, (M, parts)."""
+        """In which parts tubes swept[at] of boxes `ends` (2, M, ndim) may still be within the safe ends of the grid.
+
+        (M, parts) bool; once False, False for good: all of it has left.
+        """
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
             a, b = (ends[side, :, axis, None] + swept[at, :, side, axis] for side in (0, 1))
@@ -585,7 +648,7 @@ class Robot(Sets):
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
-        """Whether cells are inside the target and outside the unsafe sets at t_k, (M,)."""
+        """Whether cells of these numbers (M,) are proved inside the target and outside unsafe sets at t_step: (M,)."""
         # check 5.15
         times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
         box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
@@ -596,14 +659,14 @@ class Robot(Sets):
         return out & self.inside(self.target, box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
-        """A set of the file, (cells,) bool."""
+        """The set S_step^within of the file, (cells,) bool, the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
-        """That inputs lead into the target itself from the sites of some cells (M,)."""
+        """Check the claim that inputs lead into the target itself, from the sites of cells of these numbers (M,)."""
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
         some = np.zeros(self.arrives.shape[1], np.bool_)
         some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
@@ -621,9 +684,9 @@ class Robot(Sets):
         return Claim(ARRIVE, made, checked, wrong)
 
     def arrivals_hold(self, pairs: Array, step: int, finer: int) -> Array:
-        """Whether all that inputs lead cells at some sites to at t_{k+1} is in the target: (M,).
+        """Whether all that an input leads the cells at a site to from a step is in the target at its end: (M,) bool.
 
-        pairs (M,) : an input times all sites, and a site.
+        pairs (M,) : j * sites + site. finer : pieces of a part.
         """
         assert self.target is not None
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
@@ -635,13 +698,16 @@ class Robot(Sets):
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether each of some cells (M,) has a clear input that leads into a set alone, `following`: (M,) bool."""
+        """Whether each of the cells of these numbers (M,) has a clear input that leads into a set alone: (M,) bool.
+
+        following (cells,) bool : the set.
+        """
         if self.at_once is not None and self.at_once.leads():
             return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
-            """Whether some input leads from each of these cells into the set of the next step."""
+            """Whether some clear input leads from each of these cells (m,) into the set: (m,) bool."""
             out = np.zeros(len(some), np.bool_)
             for j in range(self.low.shape[1]):
                 left = np.flatnonzero(~out)
@@ -651,11 +717,15 @@ class Robot(Sets):
         return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set (cells,) are before each corner, periodic axes twice over."""
+        """How many cells of a set (cells,) bool are below each corner on all axes: `sums`, periodic axes twice over."""
         return sums(cells.reshape(self.counts), self.periodic)
 
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
-        """Whether an input is clear from cells, and all cells that it may lead to are in a set with such sums: (M,)."""
+        """Whether u_j is clear from cells of these numbers (M,) and leads into a set alone, or the target: (M,) bool.
+
+        By the file's flags, moves, lines and arrivals. counted : the `sums` of the set. What has wholly left over a
+        safe end by a cell counts as in it.
+        """
         cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
         out = (clear[numbers, j // 8] >> np.uint8(j % 8)) & 1 == 1  # check 3.45
@@ -675,7 +745,10 @@ class Robot(Sets):
         return out
 
     def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
-        """Whether all cells from first to last (M, ndim), clipped at ends that are none, are in a set: (M,)."""
+        """Whether all cells of boxes from first to last (M, ndim) are in a set with such `sums`: (M,) bool.
+
+        Boxes are clipped at bounded ends, and go around periodic axes.
+        """
         most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
         first = np.where(self.periodic, np.where(whole, 0, first - turns), np.clip(first, 0, most))
@@ -686,7 +759,10 @@ class Robot(Sets):
     # ---- claims
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
-        """All claims; those of single cells of some cells only."""
+        """All claims, checked; those of single cells for `samples` cells drawn by `seed`, or for all for None.
+
+        Only the first where cells do not cover the axes. silent : without a progress bar.
+        """
         ndim, wrong = self.grid.ndim, self.cover()
         yield Claim(COVER, ndim, ndim, wrong)
         if wrong:
@@ -707,7 +783,7 @@ class Robot(Sets):
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
 
     def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
-        """That bounds on every formula over some cells hold at a state of each."""
+        """Check by Arb's arithmetic, at a state of each cell of these numbers (M,), the bounds on every formula."""
         box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
         functions: list[Any] = [
             (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
@@ -722,7 +798,7 @@ class Robot(Sets):
         return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
-        """Moves of some cells (M,), and every input that is clear from them."""
+        """Check the moves of the cells of these numbers (M,), and every input that the file says is clear from them."""
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
             at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
@@ -763,9 +839,11 @@ class Robot(Sets):
         numbers: Array,
         at: Array,
     ) -> None:
-        """Leave of some inputs' places, `moving`, and of their cells at each step, `open_`, what is not proved so fine.
+        """Take out of `moving` and `open_`, in place, what is proved with parts cut into `finer` pieces.
 
-        numbers, at (M,) : of the cells that are counted in `open_`, and the places where they are.
+        moving : for each input the places whose moves are not proved yet. open_ : for each input and step the cells
+        from which it is not proved clear yet, as indices into numbers and at, (M,): the cells' numbers and places.
+        start : which of the moves.
         """
         size = self.low.shape[2]
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
@@ -795,12 +873,14 @@ class Robot(Sets):
                 open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
-        """Inputs that are looked at together, where each is in so many boxes, and of so many cells."""
+        """The inputs in groups that are looked at together, as memory allows where each has so many boxes and cells."""
         together = max(min(BOXES_AT_ONCE // max(boxes, 1), NUMBERS_AT_ONCE // max(numbers, 1)), 1)
         return [range(j, min(j + together, self.count)) for j in range(0, self.count, together)]
 
     def claims_of_sets(self, chosen: Array, silent: bool) -> Iterator[Claim]:
-        """Goals, whether sets grow (without a target: shrink), and every step."""
+        """Check that sets grow with the steps to go (without a target: shrink), goals, and that every other new cell
+        has an input that leads it one step nearer; of the cells `chosen`, (cells,) bool.
+        """
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}
         starts = range(1 if self.time_invariant else self.steps + 1)

@@ -17,10 +17,10 @@ from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 
 class Disks(NamedTuple):
-    """Moving disks during the intervals of all steps, at most 64.
+    """Moving disks during the intervals of all steps, at most 64; m, s.
 
     delta, depth : length of an interval, and how often it is halved at most; both 0 for an instant
-    centres (2^(depth + 1) + 1, steps, disks, 2) : each interval cut evenly
+    centres (2^(depth + 1) + 1, steps, disks, 2) : at evenly spaced instants of each interval, both ends among them
     radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed
     """
 
@@ -34,7 +34,8 @@ class Disks(NamedTuple):
 class ArmMotion(NamedTuple):
     """The images of cells of an arm and a pursuer over one interval, for `arm_inputs`.
 
-    first, number (4, L, n) : cells that cover the image of each cell of each axis, padded to one length
+    first, number (4, L, n) : of each axis, input and cell, the first and the number of the cells that cover its image,
+    padded to one length
     moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts
     allowed (steps, L, n1, n2) : `cells_clear`
     arm (3,) : see `link_points`
@@ -56,10 +57,12 @@ class ArmMotion(NamedTuple):
 
 @kernel()
 def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
-    """Set the bits of the pursuer's cells from which it can meet a link during one interval. In place.
+    """Set the bits of the pursuer's cells from which it can meet a link (0 or 1) during one interval. In place.
 
     `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
-    part m the pursuer is within unsure + speed * (m + 1) * delta / parts of its cell on each axis.
+    part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each axis.
+
+    arm (3,): see `link_points`. agent: an `Agent`. scratch: a `LinkScratch`. block (W,) uint64: the cells, as bits.
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
@@ -72,10 +75,12 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
 
 @kernel(parallel=True)
 def pursuer_clear(moves1, moves2, arm, agent, out):
-    """Cells of the pursuer which it cannot use to touch the arm during one interval under one input.
+    """Write the cells of the pursuer which it cannot use to touch the arm during one interval under one input, for each
+    cell of the joints.
 
     moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints
-    out : (n1, n2, W) uint64, overwritten
+    arm (3,), agent : see `link_points`; an `Agent`
+    out (n1, n2, W) uint64 : overwritten
     """
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
@@ -96,7 +101,9 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
 
 @kernel(inline="always")
 def joints_during(cell, tau0, tau1, scratch):
-    """`joint_ends` of both joints in room.ends; cell (2, 4) has low, high, slow and fast of each."""
+    """Write `joint_ends` of both joints during [tau0, tau1], s, to scratch.ends; cell (2, 4) has low, high, slow
+    and fast of each.
+    """
     for joint in range(2):
         low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
         links.joint_ends(low, high, slow, fast, tau0, tau1, scratch.ends[joint])
@@ -104,9 +111,11 @@ def joints_during(cell, tau0, tau1, scratch):
 
 @kernel(inline="always")
 def disks_met(disks, instant, near, wanted, arm, scratch):
-    """Those of the `wanted` steps (bits) in which the arm, its joints within room.ends, may meet a disk.
+    """A word with those of the `wanted` steps (bits) in which the arm, its joints within scratch.ends, may meet a disk.
 
-    The disks are within a time `near` of where they are at an instant of the interval.
+    The disks are within a time `near`, s, of where they are at the instant with this number in `Disks.centres`.
+
+    disks: `Disks`. arm (3,): see `link_points`.
     """
     met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
@@ -130,10 +139,13 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
 
 @kernel()
 def steps_blocked(cell, disks, arm, scratch, wanted):
-    """Steps (bits) in whose interval the arm may meet a disk from a cell under one input; cell as in `joints_during`.
+    """A word of the steps (bits) in whose interval the arm may meet a disk from a cell under one input; cell as in
+    `joints_during`.
 
-    The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that
-    is there, halving would not help. wanted (depth + 1,) is scratch: the steps that each level has to decide.
+    The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that is
+    there, halving would not help. wanted (depth + 1,) is scratch: the steps that each level has to decide.
+
+    disks: `Disks`. arm (3,): see `link_points`. scratch: a `LinkScratch`.
     """
     blocked, deep, here = np.uint64(0), 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
@@ -161,10 +173,13 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
 
 @kernel(parallel=True)
 def cells_clear(ends1, ends2, velocities, disks, arm, out):
-    """Cells of the joint angles from which the arm stays clear of moving disks at every time of an interval.
+    """out[step, j, i1, i2] = whether from a cell of the joint angles the arm stays clear of moving disks at every time
+    of the interval of a step under an input.
 
-    ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least
-    and the greatest. out (steps, L, n1, n2) bool, overwritten.
+    ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least and
+    the greatest. out (steps, L, n1, n2) bool, overwritten.
+
+    disks: `Disks`. arm (3,): see `link_points`.
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
@@ -185,9 +200,10 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
 
 @kernel(parallel=True)
 def tips_within(moves1, moves2, radius, arm, agent, out):
-    """Cells of all four axes whose every tip is within `radius` of wherever the agent of its cell may be.
+    """Write the cells of all four axes whose every tip is within `radius`, m, of wherever the agent of its cell may be.
 
-    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. out (n1, n2, W) uint64, overwritten.
+    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. arm (3,) : see `link_points`. agent : an
+    `Agent`. out (n1, n2, W) uint64, overwritten.
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
@@ -216,7 +232,11 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
 
 @kernel()
 def image_certified(cell, j, motion, cells, index, pool):
-    """Whether the cells that cover the image of a cell under input j are all in the set (index, pool)."""
+    """Whether the cells that cover the image of a cell (4,) under input j are all in the set with blocks
+    pool[index], of which block 0 is the empty one.
+
+    motion: an `ArmMotion`. cells: `Cells`. index (n1 n2,), pool (B, W): the blocks of the set.
+    """
     x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
     x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
     n1, n2, ny = cells.counts[0], cells.counts[1], cells.counts[3]
@@ -237,10 +257,11 @@ def image_certified(cell, j, motion, cells, index, pool):
 
 @kernel()
 def pursuer_meets(cell, j, motion, scratch, block):
-    """Whether the pursuer of one cell can touch the arm under input j: what `pursuer_clear` says, for one cell.
+    """Whether the pursuer of a cell (4,) can touch the arm under input j: what `pursuer_clear` says, for one cell.
 
     Half the margin of `pursuer_clear` is enough, and makes sure that a difference in rounding between the two never
-    takes from a certified cell the input it was certified with.
+    takes from a certified cell the input it was certified with. motion: an `ArmMotion`. scratch, block: a `LinkScratch`
+    and (W,) uint64, overwritten.
     """
     agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
@@ -265,7 +286,14 @@ def pursuer_meets(cell, j, motion, scratch, block):
 
 @kernel(nogil=True)
 def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
-    """The inputs certified for some cells (M, 4) and steps to go (M,), as `certified_inputs` says: out (M, L) bool."""
+    """out[m, j] &= whether input j is certified for the cell some[m], (M, 4), with ahead[m] steps to go from a step:
+    out (M, L) bool, the inputs that are asked about, in place.
+
+    It keeps clear of the disks and the pursuer and leads into the set of one step less; sets, pool as for
+    `certified_inputs`.
+
+    cells: `Cells`. motion: an `ArmMotion`.
+    """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
     for m in range(len(some)):

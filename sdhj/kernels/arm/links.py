@@ -24,7 +24,9 @@ LINKS = 2
 
 
 class Agent(NamedTuple):
-    """How an interval's pursuer moves, and its cells: where the first begins, how wide one is, how many there are."""
+    """How an interval's pursuer moves, and its cells: where the first begins, how wide one is, how many there
+    are; m, s.
+    """
 
     delta: float  # length of the interval; 0 for an instant
     speed: float  # the greatest on each axis
@@ -39,7 +41,9 @@ class Agent(NamedTuple):
 
 
 class LinkScratch(NamedTuple):
-    """Scratch: points, their hull, the upper and the lower boundary of the thick hull, and the ends of both joints."""
+    """Arrays to work in: points x, y (6,) and their hull; chains, the pieces of the upper and the lower boundary
+    of the thick hull (`thick_chain`); ends (2, 6) of both joints (`joint_ends`).
+    """
 
     x: FloatArray
     y: FloatArray
@@ -51,7 +55,7 @@ class LinkScratch(NamedTuple):
 
 @kernel(forceinline=True)
 def allocate_scratch():
-    """Scratch arrays for one thread."""
+    """A new `LinkScratch`, to be used by one thread."""
     return LinkScratch(np.empty(6), np.empty(6), np.empty(12), np.empty(12), np.empty((2, 12, 4)), np.empty((2, 6)))
 
 
@@ -67,7 +71,8 @@ def allocate_scratch():
 
 @kernel(inline="always")
 def joint_ends(low, high, slow, fast, tau0, tau1, ends):
-    """Where a joint of [low, high] can be during [tau0, tau1] if its velocity stays in [slow, fast].
+    """Write where a joint in [low, high], rad, can be during [tau0, tau1], s, if its velocity stays in [slow, fast]:
+    low + min(slow tau), high + max(fast tau).
 
     `ends` (6,), modified in place: the lower end, its cosine and sine, the upper end, its cosine and sine.
     """
@@ -79,7 +84,9 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
 
 @kernel()
 def joint_moves(ends, slow, fast, delta, parts):
-    """`joint_ends` of every cell of one joint, ends (n, 2), in every part of the interval; (n, parts, 6)."""
+    """`joint_ends` of every cell of one joint, ends (n, 2), at velocities in [slow, fast], in each of `parts`
+    equal parts of an interval of delta s; (n, parts, 6).
+    """
     out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
         for part in range(parts):
@@ -90,10 +97,11 @@ def joint_moves(ends, slow, fast, delta, parts):
 
 @kernel(forceinline=True)
 def link_points(link, ends1, ends2, arm, scratch):
-    """Points whose hull holds a link for every q of the box, up to the remainder; return (how many, remainder).
+    """Write points whose hull, thickened by a remainder, holds a link (0 or 1) for all joint angles of a box; returns
+    (how many, remainder, m).
 
-    `arm` is (l1, l2, turn): the second link has length l2 and stands at the angle turn * q1 + q2, turn 0 or 1. The
-    points are room.x and room.y.
+    ends1, ends2 (6,): the box, as of `joint_ends`. `arm` is (l1, l2, turn): the second link has length l2 and stands at
+    the angle turn * q1 + q2, turn 0 or 1. The points are scratch.x and scratch.y.
     """
     l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
@@ -115,9 +123,10 @@ def link_points(link, ends1, ends2, arm, scratch):
 
 @kernel(forceinline=True)
 def convex_hull(n, scratch):
-    """Counter-clockwise hull, in room.hull_x and hull_y, of n points, which are sorted in place; return its size.
+    """Write the counter-clockwise hull of the first n points scratch.x, y, which are sorted in place, to scratch.hull_x
+    and hull_y; return its size.
 
-    Andrew's monotone chain.
+    Andrew's monotone chain; it begins at the leftmost, lowest point.
     """
     x, y, hull_x, hull_y = scratch.x, scratch.y, scratch.hull_x, scratch.hull_y
     for i in range(1, n):
@@ -145,7 +154,7 @@ def convex_hull(n, scratch):
 
 @kernel(forceinline=True)
 def box_of(x, y, n):
-    """(least x, greatest x, least y, greatest y) of n points."""
+    """(least x, greatest x, least y, greatest y) of the first n points."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(1, n):
         left, right = min(left, x[i]), max(right, x[i])
@@ -155,7 +164,7 @@ def box_of(x, y, n):
 
 @kernel(forceinline=True)
 def hull_distance(px, py, size, scratch):
-    """Distance from a point to the hull of `convex_hull`; 0 inside."""
+    """Distance from the point (px, py) to the hull that `convex_hull` left in scratch, of `size` corners; 0 inside."""
     hull_x, hull_y = scratch.hull_x, scratch.hull_y
     best = np.inf
     inside = size > 2
@@ -214,7 +223,9 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
 
 @kernel(inline="always")
 def piece_height(pieces, at, xq, radius):
-    """Height, times sign, of one piece of a boundary over xq."""
+    """Height over xq, times the sign of its chain, of the piece number `at` of those of `thick_chain`, an edge or
+    an arc of this radius.
+    """
     off = xq - pieces[at, 2]
     slope = pieces[at, 1]
     if slope == slope:
@@ -224,11 +235,12 @@ def piece_height(pieces, at, xq, radius):
 
 @kernel(forceinline=True)
 def touch_cells(size, radius, growth, agent, rows, scratch, block):
-    """Set the bits of the cells which, grown by `growth` on each side, meet the hull thickened by `radius`. In place.
+    """Set the bits of the cells of the agent which, grown by `growth` on each side, meet the hull thickened by
+    `radius`, m. In place: block (W,) uint64.
 
-    The hull is that of `convex_hull`. Only the rows of cells rows[0] <= x < rows[1] are looked at. The part of a convex
-    shape over a strip has its highest point over the point of the strip nearest to the shape's top, so one height of
-    each boundary decides a row of cells.
+    The hull is that which `convex_hull` left in scratch, of `size` corners. Only the rows of cells rows[0] <= x <
+    rows[1] are looked at. The part of a convex shape over a strip has its highest point over the point of the strip
+    nearest to the shape's top, so one height of each boundary decides a row of cells.
     """
     hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner

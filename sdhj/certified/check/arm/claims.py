@@ -43,7 +43,11 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
-    """A disk of a recipe as `separation.disk_at` reads it, its radius grown by the width of what it must not meet."""
+    """A disk of a recipe as `separation.disk_at` reads it, (8,), its radius grown by the width of what must not meet
+    it.
+
+    name : in errors. ValueError, KeyError or TypeError where a number is missing or makes no sense.
+    """
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
     expect(kind in ("still", "line", "circle"), f"the path of {name} must be still, line or circle", kind)
@@ -64,7 +68,7 @@ class Scene:
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
-        """Read the recipe of a case study and its sensing; refused where a number does not fit."""
+        """Read the recipe of a case study and its sensing; errors as of the class."""
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -91,11 +95,11 @@ class Scene:
         return decimal(self.given[f"{self.agent}_box"])
 
     def push(self, axis: int) -> Fraction:
-        """The greatest that is added to the velocity of an axis."""
+        """The greatest that the adversary adds to the velocity along an axis, or takes from it."""
         return decimal(self.given["v_d_max" if axis < 2 else f"v_{self.agent[0]}_max"])
 
     def off(self, axis: int) -> Fraction:
-        """By how much a prediction may be off."""
+        """By how much a prediction may be off on an axis, exactly: error + delay * push."""
         return decimal(self.sensing.error[axis]) + decimal(self.sensing.delay) * self.push(axis)
 
     def spans(self) -> tuple[Fraction, Fraction]:
@@ -129,7 +133,10 @@ class Scene:
 
 
 def refuse_large(world: World, steps: int) -> None:
-    """ValueError where a number breaks what the bound on rounding supposes: see `separation`."""
+    """Raise ValueError if a number, at any time of so many steps, breaks what the bound on rounding supposes.
+
+    That is of links, lengths, places and moves (`LONGEST_LENGTH`), and angles of disks (`LARGEST_ANGLE`).
+    """
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.goal[None]])
     moves = [(float(np.abs(world.inputs).max()) + world.push) * world.held, world.agent[0] * world.held, *world.off]
@@ -150,7 +157,7 @@ class Arm(Sets):
     """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
-        """Read a file's claims about an arm; refused where its arrays do not fit the recipe."""
+        """Read a file's claims about an arm; ValueError where head or arrays do not fit the recipe."""
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
         expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
@@ -163,7 +170,7 @@ class Arm(Sets):
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def bits(self, step: int, within: int) -> Array:
-        """A set of the file, (cells,) bool."""
+        """The set S_step^within of the file, (cells,) bool, the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
@@ -180,7 +187,10 @@ class Arm(Sets):
         return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
-        """All claims; those of single cells in some rows only."""
+        """All claims, checked; those of single cells in `samples` rows drawn by `seed`, or in all for None.
+
+        Only the first where cells do not cover the axes. silent : without a progress bar.
+        """
         yield Claim(COVER, 4, 4, wrong := self.cover())
         if wrong:  # nothing else in the file means what it says
             return
@@ -207,7 +217,10 @@ class Arm(Sets):
             yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
-        """The answers of `check_rows` for some rows, by threads."""
+        """How many claims of each kind of rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
+
+        By `check_rows`, whose kinds and examples these are, in threads. silent : without a progress bar.
+        """
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
         ends = [self.ends(axis, [pair[axis] for pair in self.scene.inputs()]) for axis in (0, 1)]
@@ -219,7 +232,10 @@ class Arm(Sets):
         return failed, example
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
-        """Cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated."""
+        """The cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated.
+
+        drifts : velocities of the input, to which the adversary adds its push.
+        """
         push = self.scene.push(axis)
         lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
         most = max(len(found) for of_drift in lists.values() for found in of_drift)
@@ -227,9 +243,10 @@ class Arm(Sets):
 
 
 def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list[int]]:
-    """For each cell of an axis those that a prediction may be in after one interval, slow <= 0 <= fast at walls.
+    """For each cell of an axis the numbers, ascending, of those that a prediction may be in after one interval.
 
-    What a wall stops ends in the outermost cell, which the image overlaps anyway: it came from there or passed it.
+    slow, fast : the least and the greatest velocity, slow <= 0 <= fast on an axis with walls. What a wall stops ends in
+    the outermost cell, which the image overlaps anyway: it came from there or passed it.
     """
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
     # check 3.3
@@ -251,7 +268,7 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
 
 
 def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
-    """Have work done on so many rows, some at a time, by threads; yields how many are done."""
+    """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yields how many rows each slice had."""
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         parts = [slice(begin, min(begin + ROWS_AT_ONCE, count)) for begin in range(0, count, ROWS_AT_ONCE)]
         for part, _ in zip(parts, threads.map(work, parts), strict=True):
@@ -259,12 +276,14 @@ def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 
 
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """`erode`, by threads."""
+    """Write to `out` what `erode` makes of every block of a pool, in threads; the arguments are those of `erode`."""
     sum(shared(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 
 def counted(arm: Any) -> tuple[Array, Claim]:
-    """Cells that the sets add to each row, (rows, steps + 1, 2): all, those at the boundary. And whether sets grow."""
+    """How many cells the sets within 0, 1, ... steps add to each row, (rows, steps + 1, 2): all, and those at the
+    boundary; and the claim that sets grow with the steps to go, checked.
+    """
     index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
     along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])
     erode_all(pool, along_x, along_y, inner)

@@ -19,7 +19,7 @@ STATES = 300
 
 
 def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> None:
-    """ValueError where what the head describes is not the arm of the recipe that a scene was made of."""
+    """Raise ValueError unless what the head describes is the arm of the recipe that a `Scene` was made of."""
     given, grid, functions = scene.given, Grid(head["grid"]), Functions(head, arrays, None)
     inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
     upper = np.array([np.pi, np.pi, box, box])
@@ -75,7 +75,7 @@ def arm_to(q: Array, places: Array, scene: Any) -> Array:
 
 
 def to_link(begin: Array, end: Array, places: Array) -> Array:
-    """Distance of places from links, all (M, 2)."""
+    """Distance of places from the links that go from begin to end, all (M, 2): (M,)."""
     along = end - begin
     share = ((places - begin) * along).sum(axis=1) / (along**2).sum(axis=1)
     return np.asarray(np.hypot(*(begin + np.clip(share, 0.0, 1.0)[:, None] * along - places).T))
@@ -88,12 +88,15 @@ def centre(disk: Array, t: float) -> Array:
 
 
 def obstacles(q: Array, t: float, scene: Any) -> Array:
-    """The least distance of the arm from an obstacle: (M,)."""
+    """The distance of the arm at states (M, 4) from the nearest obstacle, grown by the links' width, at time t: (M,).
+
+    <= 0 where they meet.
+    """
     each = [arm_to(q, centre(disk, t) + 0.0 * q[:, 2:], scene) - disk[7] for disk in scene.disks]
     return np.asarray(np.min(each, axis=0))
 
 
 def goal(q: Array, t: float, scene: Any) -> Array:
-    """How far the tip is outside the target: (M,)."""
+    """The distance of the tip at states (M, 4) from the target's centre at time t, minus its radius: (M,)."""
     at = centre(scene.goal, t) if chased(scene) else q[:, 2:]
     return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.goal[7])

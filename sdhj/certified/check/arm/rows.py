@@ -9,7 +9,7 @@ from sdhj.certified.check.bits import NONE, ONE, Array, any_bit, compiled, drop,
 
 
 class Stored(NamedTuple):
-    """The sets of the file."""
+    """The sets of the file, as compiled code reads them."""
 
     pairs: Array  # (entries, 2): start and within, in the order of the index
     places: Array  # (entries, rows): which block of the pool
@@ -22,7 +22,7 @@ class Stored(NamedTuple):
 
 @compiled()
 def agent_cell(bit, duration, world, part):
-    """Write the bounds of one of the agent's cells, and those of a whole interval, into a part."""
+    """Write the bounds of the agent's cell number `bit`, and times from 0 to `duration`, into a part (14,)."""
     ny = world.y.size - 1
     part[4:6], part[6:8] = world.x[bit // ny : bit // ny + 2], world.y[bit % ny : bit % ny + 2]
     part[8], part[9] = 0.0, duration
@@ -30,7 +30,11 @@ def agent_cell(bit, duration, world, part):
 
 @compiled()
 def settle(velocity, duration, world, bench, bits):
-    """Keep of the bits only those of the agent's cells that are proved clear one by one."""
+    """Drop from the bits, in place, the agent's cells from which it is not proved, one by one, that the agent stays
+    clear of the arm for `duration`, s, under a velocity (2,) of the joints.
+
+    bench : the joints' cells, as of `bench_of`.
+    """
     agent = (len(world.disks), len(world.disks) + 1)
     for bit in range(64 * bits.size):
         if has(bits, bit):
@@ -44,7 +48,7 @@ def settle(velocity, duration, world, bench, bits):
 
 @compiled()
 def bench_of(i1, i2, world):
-    """Room to work on the row of two joint cells."""
+    """A `Bench`, room to work on the row of joint cells i1, i2, with their bounds, and those of pushes, written in."""
     nx, part = world.x.size - 1, np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
     part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push  # check 4.13
@@ -53,7 +57,10 @@ def bench_of(i1, i2, world):
 
 @compiled()
 def check_flags(i1, i2, world, stored):
-    """Of the flags that say an input is clear of the obstacles throughout the interval: (how many are wrong, one)."""
+    """Check the flags of joint cells i1, i2: for each start and input that the arm is clear of all obstacles.
+
+    Returns how many are not proved, and one of them as start * L + j.
+    """
     bench, failed, example = bench_of(i1, i2, world), 0, 0
     bench.part[9] = world.held
     for start in range(len(stored.allowed)):
@@ -67,7 +74,10 @@ def check_flags(i1, i2, world, stored):
 
 @compiled()
 def check_goals(world, stored, bench, todo):
-    """Drop from todo (entries, words) what is proved of S_k^0: inside the target and outside the unsafe set at t_k."""
+    """Drop from todo (entries, words), in place, what is proved of S_k^0: inside the target, clear of all else at t_k.
+
+    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of `bench`.
+    """
     need, still = np.zeros_like(todo[0]), world.inputs[0]
     for place in range(len(todo)):
         if stored.pairs[place, 1] == 0:
@@ -96,7 +106,11 @@ def check_goals(world, stored, bench, todo):
 
 @compiled()
 def reaching(ends1, ends2, blocks, n2, eroded, bits):
-    """Keep of the bits those from which everything that can be reached is in one set, at the ends of both joints."""
+    """Drop from the bits (words,), in place, cells from which something that can be reached is not in a set.
+
+    ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated. blocks (rows,) : the set, and
+    eroded (blocks, words) its eroded blocks, for all that the agent may do. n2 : cells of the second joint.
+    """
     for a in range(ends1.size):  # check 5.2
         for b in range(ends2.size):  # check 5.3
             if (a > 0 and ends1[a] == ends1[a - 1]) or (b > 0 and ends2[b] == ends2[b - 1]):
@@ -108,7 +122,11 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
 
 @compiled()
 def check_steps(i1, i2, world, stored, bench, todo):
-    """Drop from todo (entries, words) what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}."""
+    """Drop from todo (entries, words), in place, what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}.
+
+    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of joint cells i1,
+    i2, which is that of `bench`.
+    """
     steps, n2 = len(stored.allowed), world.q2.size - 1
     able, need = np.zeros_like(todo), np.empty_like(todo[0])
     for careful in range(2):  # first many cells at once, then what is left one by one
@@ -134,7 +152,7 @@ def check_steps(i1, i2, world, stored, bench, todo):
 
 @compiled()
 def unproved(i1, i2, world, stored):
-    """The cells that each set adds in a row and that are not proved; (entries, words)."""
+    """The cells that each set adds in the row of joint cells i1, i2 and that are not proved: (entries, words)."""
     bench, row = bench_of(i1, i2, world), i1 * (world.q2.size - 1) + i2
     todo = np.empty((stored.places.shape[0], stored.pool.shape[1]), np.uint64)
     for place in range(len(todo)):
@@ -148,7 +166,7 @@ def unproved(i1, i2, world, stored):
 
 @compiled(nogil=True)
 def check_rows(rows, world, stored, failed, example):
-    """Check all claims of some rows; threads may share the rows out.
+    """Check all claims of rows (R,), numbers of pairs of joint cells; threads may share the rows out.
 
     failed, example (R, kinds), modified in place: how many claims of each kind are not proved, and a number that names
     one of them. Kind 0 are the flags, 1 + n the cells that the sets within n add.
@@ -171,7 +189,10 @@ def check_rows(rows, world, stored, failed, example):
 
 @compiled()
 def clear_of_claims(row, j, ids, marks, world, bench, bits):
-    """Write which of the agent's cells of a row, with an input that some word claims, are proved clear of the agent."""
+    """Write into bits (words,) the agent's cells of a row for which some word claims u_j and that are proved clear.
+
+    Clear of the arm, that is, for the whole interval under u_j. ids, marks : as of `words_hold`.
+    """
     bits[:] = NONE
     for start in range(len(ids)):
         for bit in range(ids.shape[2]):

@@ -67,7 +67,10 @@ class World(NamedTuple):
 
 @compiled(**UNCOUNTED)
 def moved(part, velocity, world, box):
-    """The box of everything that can be reached from a part; the middle of one can be reached from the other's."""
+    """Write into `box` all that can be reached from a part under a velocity (2,) of the joints, errors included.
+
+    The middle of the box can be reached from the middle of the part.
+    """
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
         slow, fast = velocity[joint] + part[10 + 2 * joint], velocity[joint] + part[11 + 2 * joint]  # check 4.12
@@ -83,7 +86,7 @@ def moved(part, velocity, world, box):
 
 @compiled(**UNCOUNTED)
 def pose_of(box, arm):
-    """Elbow E, forearm F and half widths (d1, d2) of the joints of a box."""
+    """(ex, ey, fx, fy, d1, d2): elbow E and forearm F of the arm in the middle of a box, half widths of the joints."""
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
     e, f, phi = arm[0], arm[1], arm[2] * q1 + q2
     widths = (box[1] - box[0]) / 2, (box[3] - box[2]) / 2
@@ -92,7 +95,12 @@ def pose_of(box, arm):
 
 @compiled(**UNCOUNTED)
 def farthest(nx, ny, link, pose, turn):
-    """An upper bound on n.p over all points p of a link and all joint angles of the box: see the module docstring."""
+    """An upper bound on n.p over all points p of a link and all joint angles of a box, m.
+
+    Of the elbow it is n.E + |n.E'| d1 + max(0, -n.E) d1^2 / 2, of the tip as the module docstring says, and of a link
+    the larger one of its ends. n = (nx, ny) is a unit vector; link 0 ends at the elbow, 1 at the tip; pose : of
+    `pose_of`; turn : 1.0 if link 1 turns with link 0, else 0.0.
+    """
     ex, ey, fx, fy, d1, d2 = pose
     a, side_a = nx * ex + ny * ey, ny * ex - nx * ey
     bend = max(-a, 0.0) * d1 * d1 / 2  # check 4.7
@@ -135,7 +143,10 @@ def body_of(box, body, start, world):
 
 @compiled(**UNCOUNTED)
 def ahead(nx, ny, link, pose, body, turn):
-    """How far a body is at least ahead of a link along n, for everything in the box."""
+    """A lower bound on how far a body is ahead of a link along the unit vector n, for everything in the box, m.
+
+    body : as `body_of` returns it; pose, turn : as of `farthest`.
+    """
     x, y, hx, hy, move_x, move_y, bend, _ = body
     behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend  # check 4.18
     return nx * x + ny * y - behind - farthest(nx, ny, link, pose, turn)
@@ -143,8 +154,9 @@ def ahead(nx, ny, link, pose, body, turn):
 
 @compiled(**UNCOUNTED)
 def separated(link, pose, body, turn):
-    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box.
+    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box, m.
 
+    link, pose, turn : as of `farthest`; body : as `body_of` returns it.
     The first direction is that of the gap, which is then turned while that helps.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
@@ -176,7 +188,10 @@ def copy(source, target):
 
 @compiled(**UNCOUNTED)
 def halve(part, weights, first, second):
-    """Cut a part where it is widest, all that it bounds taken by its weight."""
+    """Cut a part in two, written into `first` and `second`, across its widest pair of bounds.
+
+    The width of the k-th pair counts weights[k] times; pairs without a weight are never cut.
+    """
     axis, widest = 0, 0.0
     for k in range(len(weights)):
         size = (part[2 * k + 1] - part[2 * k]) * weights[k]
@@ -220,7 +235,10 @@ def link_clear(link, body, part, velocity, start, world, stack):
 
 @compiled(**UNCOUNTED)
 def clear(bodies, part, velocity, start, world, stack):
-    """`link_clear` for both links and some bodies: the first of them, and the one after the last."""
+    """Whether it is proved that both links stay clear of the bodies from number bodies[0] to bodies[1] - 1.
+
+    The other arguments are those of `link_clear`.
+    """
     for body in range(bodies[0], bodies[1]):
         for link in range(2):  # check 4.17
             if not link_clear(link, body, part, velocity, start, world, stack):
@@ -299,7 +317,10 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
 
 @compiled(**UNCOUNTED)
 def sweep(j, duration, world, bench, bits):
-    """Keep of the bits only those of the agent's cells that a few directions prove clear for the whole interval."""
+    """Drop from the bits, in place, the agent's cells that a few directions do not prove clear of the arm under u_j.
+
+    From time 0 to `duration`, s, in parts, for the joints' cells of the bench.
+    """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
     for k in range(parts):  # check 4.19
