@@ -20,9 +20,9 @@ an eighth of it; and those are taken of which more is kept, where a loss of l le
 steps.
 
 Where each axis loses more than there is, or all cells move alike, and the target's axes are a problem of their own with
-one velocity, as an arm that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
-which fit the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which
-most is kept.
+one velocity, as an arm that is pursued, the recursion on these axes alone is run for some numbers of cells
+(`sdhj.certified.alone`): it knows which fit the target and what inputs move. The other axes have what can be paid then,
+and the cells are taken of which most is kept.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
 no clock, so a problem has the same cells on every machine.

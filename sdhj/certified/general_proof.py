@@ -278,7 +278,12 @@ class GeneralProof(Images):
         where it stays clear, and from where it leads into the target. ValueError where a bound is missing.
         """
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        lattices, drawing, arrivals, in_words = self._lattices(progress), Drawing(self), Arrivals(self), self.met_in_words
+        lattices, drawing, arrivals, in_words = (
+            self._lattices(progress),
+            Drawing(self),
+            Arrivals(self),
+            self.met_in_words,
+        )
         kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
@@ -331,7 +336,7 @@ class GeneralProof(Images):
     def _met_at_once(
         self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
     ) -> FloatArray:
-        """From which cells of a set's axes tubes (L * parts, d) of a place meet boxes of each part, or of all: (L, ...)."""
+        """From which cells of its axes a place's tubes (L * parts, d) meet boxes, of each part or of all: (L, ...)."""
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
         for part, boxes in enumerate(each):

@@ -65,7 +65,7 @@ def _clear(monkeypatch, in_words):
 
 
 def test_no_state_of_a_clear_cell_is_met(monkeypatch, rng):
-    """Of drawn states, at all times of a step, under drawn plays; little less is clear than by smaller boxes, counted."""
+    """Of drawn states, at all times of a step, under drawn plays; little less is clear than by smaller boxes."""
     (proof, words), (_, counted) = (_clear(monkeypatch, one) for one in (True, False))
     problem, runs = proof.problem, 40_000
     assert words.mean() >= counted.mean() - 5e-3 and 0.1 < words.mean() < 0.9

@@ -802,8 +802,8 @@ class Robot(Sets):
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
             at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
-        (some := np.zeros(all_places, np.bool_))[at] = True
-        places = np.flatnonzero(some)
+        (taken := np.zeros(all_places, np.bool_))[at] = True
+        places = np.flatnonzero(taken)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
@@ -817,7 +817,7 @@ class Robot(Sets):
             for j, step in product(group, steps):
                 flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
                 own = flags if numbers.size == flags.size else flags[numbers]
-                made, checked = made + np.count_nonzero(flags), checked + np.count_nonzero(own)
+                made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
                 open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)

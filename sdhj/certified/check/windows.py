@@ -94,7 +94,9 @@ def along(cells: Array, n: int, axis: int, packs: bool, first: Array, last: Arra
     return out
 
 
-def united(boxes: Array, shape: Sequence[int], windows: Sequence[Windows], some: Array) -> Iterator[tuple[Array, Array]]:
+def united(
+    boxes: Array, shape: Sequence[int], windows: Sequence[Windows], some: Array
+) -> Iterator[tuple[Array, Array]]:
     """Which of some tubes (n,) are alike, and from which cells what they overlap is met: packed, as the boxes are.
 
     shape : of the boxes on all axes. One axis after the other is united, the last one first.
@@ -165,7 +167,10 @@ class AtOnce:
         return out
 
     def met_by(self, number: int, step: int) -> Array:
-        """From which cells tubes overlap what may meet an unsafe set in a step, packed: (inputs, places, *cells, bytes)."""
+        """From which cells of its axes tubes overlap what may meet an unsafe set in a step.
+
+        Packed: (inputs, places, *cells, bytes).
+        """
         part, robot = self.robot.unsafe[number], self.robot
         key, own = (number, step if part.moving else 0), list(part.axes)
         if key not in self.met:
@@ -213,7 +218,7 @@ class AtOnce:
         return first, last, some[of.ravel()]
 
     def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
-        """What is packed of cells along some axes, at each place (places, ...), as flags of all cells, to be broadcast."""
+        """What is packed of cells along some axes, at each place (places, ...), as flags of all cells, broadcastable."""
         order = [*np.flatnonzero(self.robot.known).tolist(), *axes]
         flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
         shape = [n if axis in order else 1 for axis, n in enumerate(self.shape)]

@@ -107,7 +107,9 @@ def test_boxes_that_windows_hold_are_those_that_plain_loops_find(rng):
 def test_boxes_hold_all_of_tubes_that_are_alike(rng):
     """Along such an axis a box is its cell with the outermost ends of tubes; it is met where that is."""
     edges, tubes = [np.linspace(0.0, 1.0, 6), np.linspace(-1.0, 1.0, 41)], np.array([[-0.3, 0.05], [0.4, 0.1]])
-    own = Lattice(edges, np.array([1, 2]), np.array([False] * 2), np.full(2, 1e-10), np.zeros(2), np.array([True, False]), tubes)
+    own = Lattice(
+        edges, np.array([1, 2]), np.array([False] * 2), np.full(2, 1e-10), np.zeros(2), np.array([True, False]), tubes
+    )
     low, high = own.boxes(np.array([[2, 7]]), 1)
     assert low[0, 0] <= 0.4 - 0.3 - 2e-10 and high[0, 0] >= 0.6 + 0.4 + 2e-10 and high[0, 0] < 1.0 + 1e-8
     first, last = own.overlapped(0, *(np.tile(end, (3, 1)) for end in (edges[0][:-1], edges[0][1:])))
@@ -184,7 +186,11 @@ def overstated(path, to):
     to.write_bytes(path.read_bytes())
     with forged(to, named=True) as (told, arrays):
         marks = {name: rng.integers(0, 256, arrays[name].shape, np.uint8) for name in ("clear", "arrives")}
-        put(arrays, clear=marks["clear"], arrives=marks["arrives"] & (rng.random(marks["arrives"].shape) < 0.2) * np.uint8(255))
+        put(
+            arrays,
+            clear=marks["clear"],
+            arrives=marks["arrives"] & (rng.random(marks["arrives"].shape) < 0.2) * np.uint8(255),
+        )
         with sets_of(told, arrays) as sets:
             more = rng.random(sets.shape[1:])
             for own, share in zip(sets, np.linspace(0.5, 1.0, len(sets)), strict=True):
