@@ -8,8 +8,8 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
@@ -53,15 +53,18 @@ def lattice_of(
     times: Sequence[tuple[float, float]],
     steps: int,
     sway: FloatArray,
+    most: int = BOXES_OF_A_SET,
+    centres: bool = False,
 ) -> Boxes:
     """A lattice of boxes, and prefix sums of which of them may meet an unsafe set in each of some `times`, s to s.
 
     steps : for how many steps there will be such a lattice, which share memory. sway (ndim,) : what most tubes stick
     out of their cells to both sides; boxes are wider by it where it is less than a box more, and a tube is then looked
-    up without it.
+    up without it. most : about how many boxes there are at most, at all times together. centres : count those of which
+    the centre may be in the set, which proves nothing
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
-    boxes = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
+    boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(boxes ** (1 / len(unsafe_set.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
@@ -70,6 +73,8 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
+    if centres:
+        low = high = [begin + step / 2 for begin, step in zip(corner, pitch, strict=True)]
     sums, some = [], [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
     for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
@@ -150,6 +155,8 @@ class GeneralProof(Images):
     arrives: FloatArray
     _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
+    most_boxes: ClassVar[int] = BOXES_OF_A_SET
+    unites: ClassVar[bool] = True  # boxes, where these are too many to be counted
 
     @property
     def lines(self) -> Lines:
@@ -305,7 +312,7 @@ class GeneralProof(Images):
         """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
         move alike, and no end is safe.
         """
-        few = math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
+        few = self.unites and math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
         depends = self.strides > 0
         return tuple(
             one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
@@ -357,14 +364,21 @@ class GeneralProof(Images):
         mark_met(self.clear[step], begin, beside, met.reshape(len(met), len(rows), -1), self.axes[-1].count)
 
     def _mark_collisions(
-        self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
+        self,
+        lattices: list[list[Boxes]],
+        start: int,
+        j: int,
+        some: FloatArray,
+        tubes: FloatArray,
+        at_ends: FloatArray | None = None,
     ) -> None:
         """Take the bit of u_j out of `clear` for cells whose tube may meet an unsafe set or leave by an unsafe end.
 
         lattices : of each unsafe set, for each step or one for all. start : of the moves. some (M,) : places, one after
-        the other, and tubes (M, parts, ndim, 2) theirs. In all steps that the moves are for; what stands still is met
-        in all of them alike.
+        the other, and tubes (M, parts, ndim, 2) theirs; at_ends : likewise, of which ends are asked, if others. In all
+        steps that the moves are for; what stands still is met in all of them alike.
         """
+        leaving = tubes if at_ends is None else at_ends
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
@@ -372,7 +386,7 @@ class GeneralProof(Images):
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
+            self._once(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
         # obligation 4.47
         own = [one for one, part in zip(lattices, self._met_by_cells, strict=True) if part.counts(j)]
         for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
@@ -429,10 +443,13 @@ class GeneralProof(Images):
             out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
         return out
 
-    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
-        """For each unsafe set that is met cell by cell a lattice for each step, or one where it stands still."""
+    def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
+        """For each unsafe set that is met cell by cell its lattices (`lattice_of`), one for each step, or one for all
+        where it stands still.
+        """
+        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         return [
-            [lattice_of(self.bounds, self.axes, part, times, len(spans), self._sway) for times in spans]
+            [made(part, times, len(spans), self._sway) for times in spans]
             for part in tqdm(self._met_by_cells, desc="unsafe sets", leave=False, disable=hidden(progress))
             for spans in [self._spans(part)]
         ]

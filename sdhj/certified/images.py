@@ -162,6 +162,11 @@ class Proof:
         """Whether sets lose cells with every step to go, and do not gain them: without a target."""
         return self.problem.has_no_target
 
+    @property
+    def phases(self) -> int:
+        """After how many steps without a change sets are what they are after any more."""
+        return 1
+
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code."""
