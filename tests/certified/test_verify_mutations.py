@@ -125,6 +125,8 @@ MUTATIONS = {
     "every function of a set": ("4.53 drop", "test_boxes_that_may_meet"),
     "laps of windows": ("4.64 put 6 min({7}, {8} - 1)", "test_what_windows"),
     "laps of bits": ("4.65 put 2 min({3}, {4} - 1)", "test_what_windows"),
+    "who is clear": ("3.92 drop 3", "test_cells_are_led"),
+    "images at the ends": ("3.91 put 4 ({8}, {16})", "test_cells_are_led"),
     "tubes of a window": ("4.66 copy 10 11", "test_what_windows"),
     "room about tubes that are alike": ("4.67 zero 12", "test_boxes_hold"),
     "what is read": ("7.2 put 9 {10} is None", "test_what_it_reads"),

@@ -218,7 +218,7 @@ class AtOnce:
         return first, last, some[of.ravel()]
 
     def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
-        """What is packed of cells along some axes, at each place (places, ...), as flags of all cells, broadcastable."""
+        """What is packed of cells along some axes at each place, (places, ...), as flags of all cells."""
         order = [*np.flatnonzero(self.robot.known).tolist(), *axes]
         flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
         shape = [n if axis in order else 1 for axis, n in enumerate(self.shape)]
