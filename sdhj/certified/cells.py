@@ -26,7 +26,7 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -277,7 +277,12 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """Least and greatest velocity on one axis under input j, exactly, where the axis `is_steady`."""
+    """Least and greatest velocity on one axis under input j, exactly, where the axis `is_steady`; found once."""
+    return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
+
+
+def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
+    """See `velocity_bounds`."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]

@@ -310,7 +310,7 @@ class Formula:
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
         """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps (`__call__`), few at a time."""
-        out = np.empty((2, len(low), len(self.results)))
+        out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)

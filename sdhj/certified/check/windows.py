@@ -7,6 +7,7 @@ what several tubes have in common is united once. Where all cells are at one pla
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -17,6 +18,7 @@ from sdhj.certified.check.bits import Array, compiled, packed, unpacked
 from sdhj.certified.check.lattice import Holds, Lattice, pieces_united
 
 LEAST_CELLS = 1 << 16  # that one tube goes along with; with fewer, tubes are looked up one by one
+PIECES = 2  # of a part of an interval, in which tubes are bounded
 MOST_TUBES = 1 << 12  # of all inputs and places
 
 Windows = tuple[Array, Array, Array]  # the first and the last box, both (K, cells), and which of the K a tube has, (M,)
@@ -141,13 +143,17 @@ class AtOnce:
 
     # ---- tubes
 
-    def look_at(self, start: int, finer: int) -> None:
-        """Take the tubes of all inputs and places from a start on for what is asked then."""
+    def look_at(self, start: int) -> None:
+        """Take the tubes of all inputs and places from a start on for what is asked then, if all are bounded."""
         of, at = np.arange(self.robot.count).repeat(self.places), np.tile(np.arange(self.places), self.robot.count)
-        self.tubes, self.met = self.robot.driven(at, of, self.robot.time(start), finer)[0], {}
+        self.tubes, self.met = np.empty(0), {}
+        with suppress(ValueError):  # which is said of a tube that is unbounded in any pieces
+            self.tubes = self.robot.driven(at, of, self.robot.time(start), PIECES, True)[0]
 
     def open_cells(self, flags: Array, step: int, j: int) -> Array:
         """The numbers of the cells with flags (cells,) from which it is open whether u_j is clear in a step."""
+        if not self.tubes.size:
+            return np.flatnonzero(flags)
         left = flags.reshape(self.shape) & ~self.past_ends(j)
         for number, part in enumerate(self.robot.unsafe):
             if part.counts(j):  # check 4.69

@@ -159,11 +159,11 @@ def test_what_is_clear_at_once_is_clear_by_halves(name, robots, monkeypatch):
     robot, rng = reads(robots(name), monkeypatch), np.random.default_rng(0)
     every, few = np.ones(len(robot.clear[0]), np.bool_), 0
     numbers = np.sort(rng.choice(every.size, 150, replace=False))
-    robot.at_once.look_at(0, 2)
+    robot.at_once.look_at(0)
     places, total = robot.cells(numbers) @ robot.strides, 0
     for step, j in itertools.product(range(len(robot.clear)), range(robot.count)):
         open_ = np.isin(numbers, robot.at_once.open_cells(every, step, j))
-        swept, _ = robot.driven(np.arange(robot.low.shape[2]), j, robot.time(0), 2)
+        swept, _ = robot.driven(np.arange(robot.low.shape[2]), np.full(robot.low.shape[2], j), robot.time(0), 2, True)
         clear = robot.clear_holds(robot.ends(robot.cells(numbers)), step, j, swept, places)
         assert not (~open_ & ~clear).any()
         few, total = few + int((open_ & clear).sum()), total + int(clear.sum())
