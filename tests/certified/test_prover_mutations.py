@@ -103,8 +103,6 @@ FALSE = {
     "the first box of a tube": ("4.55 turn 5", "pursued", CLEAR),
     "sets in words": ("4.56 put 4 []", "pursued", CLEAR),
     "parts of sets in words": ("4.58 put 11 0 * {11}", "pursued", CLEAR),
-    "images that miss": ("3.30 put 4 {4} | {11}", "pursued", NEARER),
-    "clear where images are": ("3.31 put 1 True", "pursued", NEARER),
     "all of a goal": ("9.1 weaken 2", "line", GOAL),
     "every piece of a goal": ("9.2 true 4", "line", GOAL),
     "a goal is clear of what stands still": ("9.3 true 2", "post in the target", GOAL),
