@@ -122,9 +122,11 @@ PROVER = tuple(
     for name in (
         "kernels/pieces",
         "kernels/stencils",
+        "kernels/windows",
         "kernels/oblique",
         "certified/cells",
         "certified/bounds",
+        "certified/word_tubes",
         "certified/arrivals",
         "certified/oblique",
         "certified/packing",

@@ -19,10 +19,10 @@ nothing was rounded out on axes with one velocity, and with that, each for the w
 an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
 steps.
 
-Where each axis loses more than there is, and the target's axes are a problem of their own with one velocity, as an arm
-that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
-which fit the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which
-most is kept.
+Where each axis loses more than there is, or all cells move alike, and the target's axes are a problem of their own with
+one velocity, as an arm that is pursued, the recursion on these axes alone is run for some numbers of cells
+(`sdhj.certified.alone`): it knows which fit the target and what inputs move. The other axes have what can be paid then,
+and the cells are taken of which most is kept.
 
 On axes where cells are not aligned with what inputs move, their number is changed a little at last, so that edges of
 cells are faces of the target, where it has such: of a crane whose load has to hang still four times as much is proved.
@@ -49,10 +49,12 @@ from sdhj.certified.general_proof import finest, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
+from sdhj.certified.word_tubes import goes_along, in_words, pieces_of
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
 
 FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
@@ -87,6 +89,8 @@ ARRIVAL, OPEN = 1.2e-7, 6
 # in the recursion, for a cell of an entry, for its inputs (of many most are done with at once: the root of their
 # number), and for a row of its image
 ENTRY, LED, IMAGE = 8e-9, 6e-9, 7e-10
+# for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
+WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 
@@ -127,7 +131,8 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
     places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
-    if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
+    together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
+    if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
     return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
 
@@ -467,20 +472,25 @@ def costs(
     return {
         # as many calls as of a single place, so that more cells never cost less
         "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
-        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0]), boxes),
+        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0], parts), speeds, boxes),
         "arrivals": _cost_of_arrivals(problem, axes, depends),
         "recursion": _cost_of_recursion(problem, axes, depends, speeds),
     }
 
 
 def _cost_of_sets(
-    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, often: tuple[int, int], boxes: int
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    depends: FloatArray,
+    often: tuple[int, int, int],
+    speeds: Speeds,
+    boxes: int,
 ) -> float:
     """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
 
-    often : for how many starts moves are known, and clear inputs
+    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
     """
-    (starts, times), count, out = often, len(problem.inputs), 0.0
+    (starts, times, parts), count, out = often, len(problem.inputs), 0.0
     cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
@@ -488,12 +498,39 @@ def _cost_of_sets(
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
+        if in_words(problem, depends, axes, unsafe_set, parts):
+            out += _cost_in_words(problem, axes, unsafe_set, often, speeds)
+            continue
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         out += BOXED * boxes * _operations(unsafe_set.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
+
+
+def _cost_in_words(
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    unsafe_set: UnsafeSet,
+    often: tuple[int, int, int],
+    speeds: Speeds,
+) -> float:
+    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time.
+
+    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
+    """
+    (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
+    spans = times * parts if unsafe_set.moving else 1
+    own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
+    boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
+    bits = BIT * cells * count * (times if unsafe_set.moving else starts)
+    return BOXED * boxes * _operations(unsafe_set.level_set) + WORD * _words(axes) * count * parts * starts + bits
+
+
+def _words(axes: Sequence[CellAxis]) -> int:
+    """How many words of 64 cells along the last axis a set is kept in."""
+    return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
 
 
 def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
@@ -520,13 +557,22 @@ def _cost_of_recursion(
     entries = float(losing_steps(problem, speeds)) if problem.steps is None else float(problem.steps)
     if not problem.time_invariant:
         entries *= (problem.most_steps + 1) / 2
+    cells = math.prod(axis.count for axis in axes)
+    if goes_along(problem, depends, range(len(axes))):
+        return entries * (WORD * _words(axes) * len(problem.inputs) + IN_WORDS * cells)
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     each = ENTRY + LED * math.sqrt(len(problem.inputs))
     if depends[packed] or problem.grid.has("frees"):
         widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
         image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
         each += IMAGE * float(np.delete(image, packed).prod())
-    return entries * math.prod(axis.count for axis in axes) * each
+    return entries * cells * each
+
+
+def _moved_alike(speeds: Speeds) -> list[int]:
+    """The axes with one velocity that all inputs move alike."""
+    ways = speeds.ways
+    return [] if ways is None else [axis for axis, scale in zip(ways.axes, ways.scales, strict=True) if not scale]
 
 
 def _operations(function: Any) -> int:

@@ -73,6 +73,7 @@ class Copy(GeneralProof):
     of_centres: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
+    unites: ClassVar[bool] = False
     _rounded: dict[tuple[int, int], Moves] = field(default_factory=dict)  # by start and phase
     _turn: list[int] = field(default_factory=lambda: [0])  # how many sets have been made, where they are of no step
 

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.certified.cells import CellAxis
+from sdhj.certified.word_tubes import Lattice, far_beyond, goes_along, united, with_margins
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.packed import Cells, swap_packed, to_bits, to_words
 from sdhj.kernels.stencils import Moves, grow, reached_words
+from sdhj.kernels.windows import add_led
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
@@ -51,6 +53,7 @@ class Packing:
         self.proof, last = proof, len(proof.axes) - 1
         oblique = bool(len(proof.lines.normals))
         self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0, oblique)
+        self.alike = not oblique and goes_along(proof.problem, proof.strides > 0, range(last + 1))
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
         self.known: dict[int, _Swapped] = {}  # of one step
@@ -66,6 +69,9 @@ class Packing:
         groups : into how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
         """
         some = self._at(step, marks)
+        if self.alike and groups == 1 and marks.size:
+            self._add_alike(cells, following, some)
+            return
         if self.axis == len(self.order) - 1:
             self._grow(cells, following, changed, some, groups)
             return
@@ -78,6 +84,18 @@ class Packing:
         inside = self._swapped(cells, False)
         self._grow(inside, self._swapped(following, False), changed, some, groups)
         cells[...] = self._swapped(inside, True)
+
+    def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
+        """`add` where all cells move alike: what an image may miss is united as what a tube may meet."""
+        axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
+        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
+        lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
+        out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
+        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
+        led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
+        for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
+            add_led(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)
+        cells[...] = led if self.proof.shrinks else cells | led
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:
         """`add`, of sets that are packed as they are asked for."""

@@ -50,6 +50,7 @@ from sdhj.certified.check.reading import (
     reals,
     sizes,
 )
+from sdhj.certified.check.windows import AtOnce, worth_while
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
@@ -149,6 +150,9 @@ class Robot(Sets):
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
         self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
+        axes = [part.axes for part in self.unsafe]
+        many = worth_while(self.counts.tolist(), self.known.tolist(), self.count, axes)
+        self.at_once = AtOnce(self) if many else None
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
@@ -166,8 +170,13 @@ class Robot(Sets):
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
         swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 15)
-        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        if worth_while(counts, flags, inputs, [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]):
+            # of each input what is packed of cells, and of some boxes; of sets, too
+            alike = places == 1 and "normals" not in head["proof"]
+            of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            return sizes(arrays) + max(cells * 5 + chosen * 16 + cells // 4 * inputs, of_a_set) + swept
+        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
@@ -628,10 +637,15 @@ class Robot(Sets):
 
         One where the axis is a place's. tube (P, 2, ndim) : how far the ends of the cells at places (P,) move.
         """
-        cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
-        near = 2 * self.near[axis]
-        edges = self.edges[axis]
+        if not self.known[axis]:
+            return self.carried(axis, tube[:, :, axis])
+        cells, near, edges = self.cells_at(places)[:, axis, None], 2 * self.near[axis], self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
+
+    def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
+        """Ends of tubes (M, 2) along an axis on which no place is, from each of its cells: both (M, cells)."""
+        edges, near = self.edges[axis], 2 * self.near[axis]
+        return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
         """Whether tubes swept[at] of u_j from cells of these numbers (M,) are proved clear in a step's interval: (M,).
@@ -720,6 +734,8 @@ class Robot(Sets):
 
         following (cells,) bool : the set.
         """
+        if self.at_once is not None and self.at_once.leads():
+            return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
@@ -815,19 +831,26 @@ class Robot(Sets):
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Check the moves of the cells of these numbers (M,), and every input that the file says is clear from them."""
-        at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
-        places = np.unique(at)
+        at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
+        if all_places > 1:
+            at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
+        (taken := np.zeros(all_places, np.bool_))[at] = True
+        places = np.flatnonzero(taken)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
         looks = len(self.clear) if starts == 1 else 1
+        at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
+            if at_once is not None and group[0] == 0:
+                at_once.look_at(start)
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):
-                flags = (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1
-                open_[j][step] = np.flatnonzero(flags[numbers])
-                made, checked = made + int(flags.sum()), checked + open_[j][step].size
+                flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
+                own = flags if numbers.size == flags.size else flags[numbers]
+                made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
+                open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)
             for j in group:
@@ -878,7 +901,7 @@ class Robot(Sets):
                 box = self.boxes(places[own])
                 # check 3.68
                 held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer[0])
-        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
+        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
             own = slice(begin, end)
             looked_at, ways = places[own], swept[own]

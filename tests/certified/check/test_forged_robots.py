@@ -8,11 +8,11 @@ import mutations
 import numpy as np
 import pytest
 from changes import unlisted
-from forged_robots import FORGERIES, ROBOTS, save
+from forged_robots import CLEAR, FORGERIES, NEARER, ROBOTS, save
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check import verify
+from sdhj.certified.check import verify, windows
 from sdhj.certified.check.robots import Robot, Unbounded
 
 BESIDE = {name: ROBOTS[name][0] for name in ("hidden", "hidden and moving")}  # what is given beside the file
@@ -85,6 +85,14 @@ def fail_always(*_):
 
 @pytest.mark.parametrize("name", FORGERIES)
 def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
+    forgery = FORGERIES[name]
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    assert any(forgery.said in said for said in refusals(verify, path, forgery))
+
+
+@pytest.mark.parametrize("name", [name for name, one in FORGERIES.items() if one.said in (CLEAR, NEARER)])
+def test_what_is_false_is_refused_where_all_cells_are_looked_at_at_once(name, files, tmp_path, monkeypatch):
+    monkeypatch.setattr(windows, "LEAST_CELLS", 1)
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
     assert any(forgery.said in said for said in refusals(verify, path, forgery))
