@@ -103,7 +103,7 @@ class Copy(GeneralProof):
             arrivals.add(start, j, some, last)
 
         self.fill(int(finest(self.problem, self.parts, self.low.shape)), False, use)
-        read_only((self.low, self.high, self.clear, self.of_centres, self.arrives, self.ends))
+        read_only((self.low, self.high, self.clear, self.of_centres, self.sites, self.arrives, self.ends))
         return Packing(self)
 
     def centred(self, places: FloatArray, ends: FloatArray) -> FloatArray:
@@ -188,7 +188,7 @@ class Limits:
         with warnings.catch_warnings(), findings():
             warnings.simplefilter("ignore")
             self.axes = self._few(table)
-            self.tried = list(self._copies())
+            self.tried = tuple(self._copies())
 
     @property
     def cells(self) -> str:

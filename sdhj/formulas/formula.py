@@ -160,7 +160,8 @@ class Formula(Remembering):
         bounds are -inf and inf where the function may be undefined somewhere in the box.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
-        low, high, ends = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, ends))
+        # for what may not be written to, all would be compiled once more
+        low, high, ends = (np.require(one, np.float64, ["C", "W"]) for one in (low, high, ends))
         _play_bounds(self.tape, FACTS, low, high, ends, out)
         undefined = np.isnan(out[0])
         out[0][undefined], out[1][undefined] = -np.inf, np.inf

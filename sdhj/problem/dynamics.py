@@ -562,8 +562,8 @@ class VectorField:
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
-        self._still_bounds[j] = bounds
-        return bounds.copy()
+        self._still_bounds[j] = read_only(bounds.copy())
+        return bounds
 
     @cached_property
     def _still_bounds(self) -> dict[int, FloatArray]:
