@@ -100,8 +100,7 @@ class CertifiedTable(Table):
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
-        """In how many of the sets in rows first to last of `index`, each inside the next, each state is not: (M,)
-        int64.
+        """In how many of the nested sets in rows first to last of `index` each of the states is not: (M,) int64.
 
         So it is the number of the first set that a state is in, or last - first + 1. A state is in a set if it is off
         one of its cells by no more than slack (ndim,). ValueError where the states (M, ndim) do not fit.
@@ -138,8 +137,7 @@ class CertifiedTable(Table):
         return out
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim), measured or predicted, are in no certified cell of the tube (start, within): (M,)
-        bool.
+        """Whether points (M, ndim), measured or predicted, are in no cell of the tube (start, within): (M,) bool.
 
         Cells are closed; the shell does not count.
         """
@@ -153,8 +151,7 @@ class CertifiedTable(Table):
         return bool(out[0] == 0)
 
     def around(self, states: FloatArray) -> FloatArray:
-        """Points (M, V, ndim) of the box E around each state (M, ndim), at least one in every cell that the box
-        overlaps.
+        """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
         Clipped at bounded ends that are not safe. Where all of them are in a set of cells, so is whatever may be
         measured.
@@ -236,8 +233,7 @@ class CertifiedTable(Table):
         return out
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified for all states of each of the cells (M, ndim) at a step: (M,), N - step + 1 for
-        none.
+        """The fewest steps certified for all states of each cell (M, ndim) at a step: (M,), N - step + 1 for none.
 
         Without a target 0 where the cell is certified to stay clear for all steps that are left, else N - step + 1.
         """
@@ -392,10 +388,9 @@ class CertifiedTable(Table):
         return batch
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
-        """The input that a built-in rule, by name, prefers at the centre of each state's cell, (M,); -1 where none is
-        safe.
+        """The input that a built-in rule, by name, prefers at the centre of each state's cell, (M,); -1 for none.
 
-        batch : what `answers` has returned for the states.
+        batch : what `answers` has returned for the states. -1 where no input is safe.
         """
         return (
             batch.best.copy()
@@ -404,10 +399,9 @@ class CertifiedTable(Table):
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state of a batch the safe input of least score, of equals that of least margin; else `batch.best`:
-        (M,).
+        """For each state of a batch the safe input of least score, of equals that of least margin: (M,).
 
-        scores : (M, L). `batch.best` where no input is safe.
+        scores : (M, L). Where no input is safe, it is `batch.best`.
         """
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
@@ -445,9 +439,7 @@ class CertifiedTable(Table):
 
     @kept
     def _measures(self) -> FloatArray:
-        """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once, at first
-        use.
-        """
+        """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
@@ -456,8 +448,7 @@ class CertifiedTable(Table):
 
     @cached_property
     def losing(self) -> "CertifiedTable":
-        """The cells from which the adversary surely wins, as a table whose `bits`, `contains` and `fraction` are of
-        these.
+        """The cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction` of these.
 
         Computed once, at first use, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
         evaluate a function of the problem, as for the arm's case study, or an end is safe.
@@ -585,15 +576,14 @@ class CellSets:
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
     def goal(self, step: int) -> None:
-        """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as the entry
-        (step, 0).
-        """
+        """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
-        """Compute and keep the entry (step, within), right after (step, within - 1), from it and (step + 1, within -
-        1).
+        """Compute and keep the entry (step, within), from (step, within - 1) and (step + 1, within - 1).
+
+        (step, within - 1) must be the entry that was kept last.
         """
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
@@ -611,8 +601,7 @@ class CellSets:
         return not self._added(step, within)[0].size
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be the set of (step, within - 1), without computing it, and note that sets have
-        settled.
+        """Let the entry (step, within) be the set of (step, within - 1), uncomputed, and note that sets have settled.
         """
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True

@@ -28,30 +28,37 @@ Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to wher
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
-    """How many pieces a cell is cut into along each axis, for so many times; 0 where there are too many boxes."""
+    """Into how many pieces to cut a cell along each axis; 0 where there are too many cells for a lattice.
+
+    counts : the numbers of cells on the set's axes. times : how many intervals of time have counts of their own.
+    """
     cells = max(math.prod(counts) * times, 1)
     return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / max(len(counts), 1))), 1), MOST_CUTS)
 
 
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
-    """Bytes of the lattices of a set at so many times, and of what the last one is made of.
+    """The bytes that the lattice of a set takes, with the counts for so many times and what the last one is made of.
 
-    counts : cells on each of the set's axes. laps : how many of these are periodic.
+    counts : the numbers of cells on the set's axes. laps : how many of these axes are periodic. times : as for
+        `pieces_of`.
     """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
     return boxes * ((4 * times << laps) + (2 << laps) + 4)
 
 
 class Lattice:
-    """Boxes of a set's axes, pieces of the cells there, and how tubes are looked up in them.
+    """Boxes on a set's axes, the cells there cut into pieces, and which of them a tube overlaps.
 
-    Boxes are bounded `wider`, and tubes looked up `without` as much, (axes,) each: see above.
+    wider, without (axes,) : boxes are `wider` to both sides when the set's function is bounded in them, so tubes are
+        looked up `without` as much at both ends.
     """
 
     def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
-        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
+        """The lattice of cells with the given edges, (n + 1,) for each axis, each cell cut into so many pieces.
 
-        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
+        periodic (axes,) : bool.
+        near (axes,) : how far off a cell a state counts as in it.
+        sway (axes,) : how far most tubes stick out of their cells to both sides.
         """
         share = np.arange(pieces) / pieces
         self.edges = [np.unique([*(own[:-1, None] + np.diff(own)[:, None] * share).ravel(), own[-1]]) for own in edges]
@@ -61,9 +68,12 @@ class Lattice:
         self.shape = np.array([own.size - 1 for own in self.edges])
 
     def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set are before each corner, as `sums` says: int32, (2 n + 1) on periodic axes.
+        """How many boxes that may meet a set lie below each corner of boxes, as `sums` returns them; int32.
 
-        every : for each function of which the set's is the least, where it is > 0 all over boxes, and where <= 0.
+        Blocks of many boxes are bounded first, single ones where that leaves it open.
+
+        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+            whether it is <= 0.
         """
         met = np.zeros(self.shape, np.bool_)
         for holds in every:
@@ -85,14 +95,18 @@ class Lattice:
         return sums(met, self.periodic)
 
     def boxes(self, first: Array, side: int) -> Array:
-        """Ends (2, M, axes) of blocks of `side` boxes from boxes `first` (M, axes) on, wider."""
+        """The ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider.
+        """
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
         low, high = np.moveaxis(np.array(ends), 1, 2)
         return np.stack([low - self.wider, high + self.wider])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap."""
+        """The first and the last box along an axis that tubes from `low` to `high`, arrays of one shape, overlap.
+
+        At least one box. On a periodic axis the first is in the first lap, the last may be in the second.
+        """
         edges, (begin, end) = self.edges[axis], self.edges[axis][[0, -1]]
         low, high = low + self.without[axis], high - self.without[axis]
         whole = high - low >= end - begin
@@ -110,7 +124,10 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set (*n) bool are below each corner on all axes: (*n + 1) int32; periodic axes twice."""
+    """How many cells of a set, (*n) bool, lie below each corner on all axes: (*(n + 1)) int32.
+
+    A periodic axis counts twice over: n is doubled there, so that boxes may go over the seam.
+    """
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
@@ -120,7 +137,7 @@ def sums(inside: Array, periodic: Array) -> Array:
 
 
 def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells are both in boxes and in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
+    """How many cells of boxes are in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
 
     ends : for each axis the first cell of the boxes and the one past the last, both (M,).
     """
