@@ -148,9 +148,7 @@ class Lines:
             box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
             def bounds(low: Array, high: Array, of: Array, when: Times = when) -> tuple[Array, Array]:
-                """The least and the greatest n . f over boxes (m, ndim) in one part, those with indices `of` (m,): both
-                (m, K).
-                """
+                """The least and the greatest n . f over boxes (m, ndim) of rows `of` (m,) in a part: both (m, K)."""
                 return rates_along(robot.moves, self.normals, inputs[of], low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are

@@ -133,9 +133,7 @@ def sizes(arrays: h5py.File) -> int:
 
 
 def expect_room(needed: int) -> None:
-    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group of processes can still
-    get.
-    """
+    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get."""
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -202,8 +200,10 @@ class Sensing:
     """
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
-        """Read the head's entry for sensing; ValueError where a number is negative or too long for an interval of
-        `delta` s.
+        """Read the head's entry for sensing; ValueError where a number is negative or too large.
+
+        ndim : the number of axes. delta : the length of an interval, s, which delay and twice the jitter may not
+            exceed.
         """
         error = head.get("error", 0.0)
         # check 7.34
@@ -251,9 +251,7 @@ class Sets:
 
     @cached_property
     def edges(self) -> list[Array]:
-        """The ends of the cells of each axis, (n + 1,), rounded to the nearest float; both ends of a layer are the
-        same.
-        """
+        """The ends of the cells of each axis, (n + 1,), as the nearest floats; both ends of a layer are the same."""
         out = []
         for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
             begin, end = float(low), float(low + (least + most) / 2)
@@ -262,8 +260,7 @@ class Sets:
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """A text for each axis that its cells do not cover, or that they would cover without the last one; [] if all is
-        well.
+        """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well.
 
         ends : for each axis where it begins (None: anywhere), its least and its greatest length, and how far apart the
             file's bounds on the length may be; fractions.
