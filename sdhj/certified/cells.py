@@ -72,6 +72,7 @@ def _decimal(value: float, form: str, most: int) -> Fraction | None:
     """The decimal, times a power of two, of fewest digits that a number is written as; None for more than `most`.
 
     form : how the digits are written, a format of `format`; "" writes all of them, ".12g" twelve.
+
     With all digits written the decimal is off the number by at most half a unit in the last place, with twelve by 5e-13
     of it.
     """
@@ -88,8 +89,7 @@ def _digits(text: str) -> int:
 
 
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
-    """The least and the greatest that the period upper - lower may be; one number where both ends are short decimals.
-    """
+    """The least and the greatest that the period upper - lower may be; equal where both ends are short decimals."""
     period = exact(upper) - exact(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
     doubt = Fraction(0) if short else period / 2**49  # obligation 1.4
@@ -129,8 +129,7 @@ class CellAxis:
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
-        """The ends of the cells, ascending, (count + 1,), each rounded to the nearest float; read-only, computed once.
-        """
+        """The ends of the cells, ascending, (count + 1,), each as the nearest float; read-only, computed once."""
         return _edges(self)
 
     def shares(self) -> NDArray[np.float64]:
@@ -245,6 +244,7 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 
     width, count, layers : of a cell, a text such as "1/3"; the number of cells; the numbers of layers at both ends.
         None of these is checked yet.
+
     ValueError where the cells do not cover the axis, are more than `MOST_CELLS`, or have a layer at an end that is no
     wall.
     """

@@ -236,8 +236,7 @@ def _spread(
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
-        """Whether the choices with indices `places` (ndim,) fit into memory and time and still lose more than `WORTH`.
-        """
+        """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
         axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
@@ -394,8 +393,7 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """The `Speeds` of a problem: bounds on the velocity at random states (a fixed seed) and in small boxes beside them.
-    """
+    """The `Speeds` of a problem: bounds on the velocity at random states, of a fixed seed, and in small boxes there."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))

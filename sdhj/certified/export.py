@@ -143,8 +143,7 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
 
 
 def _exportable(table: Any) -> ReachAvoidProblem:
-    """The problem of a table; ValueError unless the table is a `CertifiedTable`, without delay, of few enough inputs.
-    """
+    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs."""
     if not isinstance(table, CertifiedTable):
         raise ValueError(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
@@ -503,8 +502,7 @@ def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
 
 
 def c_comment(text: str) -> str:
-    """The text with every character that is not printable ASCII, or might end or upset a comment of C, replaced by "_".
-    """
+    """The text with "_" for every character that is not printable ASCII, or might end or upset a comment of C."""
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 

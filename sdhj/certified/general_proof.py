@@ -220,8 +220,7 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file's head: parts of an interval, axes of a place, E, and of lines normals and halo.
-        """
+        """The proof's part of a file's head: parts, axes of a place, E, and normals and halo of lines."""
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told |= {"arrives": True} if len(self.arrives) else {}
         lines = self.lines
@@ -345,6 +344,7 @@ class GeneralProof(Images):
         """Let `mark(bits, layout)` clear bits of `clear`, in place, looking at one cell of those that are alike.
 
         clear : (cells,) uint8.
+
         Cells are alike if they differ only on axes that neither `axes`, those of an unsafe set, nor an image depends
         on, and no end is safe: what is cleared for one is cleared for all. The cells that are looked at come in lines
         along the last of `axes` on which cells at one place differ.

@@ -130,13 +130,11 @@ class Proof:
 
     @cached_property
     def along(self) -> int:
-        """The axis along which `inputs` takes less time for cells that come in lines; -1 if there is none. Here: none.
-        """
+        """The axis along which `inputs` takes less time for cells that come in lines; -1 if there is none, as here."""
         return -1
 
     def places(self, some: FloatArray) -> FloatArray:
-        """The numbers of the places of cells `some` (M, ndim): (M,) int64; cells at one place move alike. Here all 0.
-        """
+        """The numbers of the places of cells `some` (M, ndim): (M,) int64; cells at a place move alike. Here all 0."""
         return np.zeros(len(some), np.int64)
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
@@ -269,8 +267,7 @@ class Images(Proof):
 
     @kept
     def layers(self) -> FloatArray:
-        """The coordinates of the layers at the lower and the upper ends, (2, ndim); -inf and +inf where there are none.
-        """
+        """The coordinates of the layers at lower and upper ends, (2, ndim); -inf and +inf where there are none."""
         edges = np.array([axis.edges()[[0, -1]] for axis in self.axes]).T
         return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
 
@@ -533,6 +530,7 @@ class Images(Proof):
         start, moved, before : (2, M, ndim): the boxes, their ends' displacements at the begin of the piece, and what
             these gained in the piece before, for a first guess.
         times : when the piece begins and ends, s, h apart.
+
         ValueError where no such box is found.
         """
         h = np.nextafter(times[1] - times[0], np.inf)
@@ -549,8 +547,7 @@ class Images(Proof):
         return self._held(start, after)
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved` in place so that start + moved ends at walls, rounded outward, and return it; both (2, M, ndim).
-        """
+        """Clip `moved` in place so that start + moved ends at walls, rounded outward; returns it. Both (2, M, ndim)."""
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 

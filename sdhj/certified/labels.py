@@ -55,6 +55,7 @@ def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0
     proof; "outside" is in neither.
 
     table, certified : the interpolated and the certified table. start, within : the tube, k and n.
+
     ValueError where the tables are of different games.
     """
     same_game(table, certified)

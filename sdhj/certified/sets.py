@@ -205,6 +205,7 @@ class Certified(Options):
         """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
         progress : whether to show progress bars, as for `sdhj.solve`.
+
         ValueError if the options, or the cost of the solve, do not fit the problem, MemoryError where it does not fit
         into memory.
         """

@@ -293,6 +293,7 @@ class CertifiedTable(Table):
 
         rows (R,) : the indices of the points that are on the grid.
         first, last (R, ndim) : the first and the last cell of the image of each, neither clipped nor taken around.
+
         If several cells are within the shell of a point, the image is that of the cell from which the input is proved
         with the fewest steps to go; where it is proved from none, that of any.
         """
@@ -344,8 +345,7 @@ class CertifiedTable(Table):
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Certified steps to go of points (M, V, ndim) at a step minus within (M,): (M, V) float64, <= 0 in the tube.
-        """
+        """Certified steps to go of points (M, V, ndim) at a step minus within (M,): (M, V), <= 0 in the tube."""
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
@@ -369,6 +369,7 @@ class CertifiedTable(Table):
             target always by that of all steps that are left.
         scores (M, L) : `best` is then the first safe input of least score, else the one that "deepest" prefers at the
             centre of the cell; -1 where none is safe.
+
         In the target there may be no input that is proved to bring the state back into it one step later. At the end of
         a run a state may be in the target and in no cell of S_k^0, so no answer says that it is; `Controller.step`
         does.
@@ -601,8 +602,7 @@ class CellSets:
         return not self._added(step, within)[0].size
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be the set of (step, within - 1), uncomputed, and note that sets have settled.
-        """
+        """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True
 
@@ -663,8 +663,7 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
     problem = table.problem
 
     def step_at(t: float) -> int | None:
-        """The step whose sampling time t is, s, up to `ON_TIME` of an interval, or None; 0 if nothing depends on time.
-        """
+        """The step whose sampling time t is, s, to `ON_TIME` of an interval, or None; 0 if nothing depends on time."""
         step = 0 if problem.time_invariant else max(round((t - problem.time(0)) / problem.delta), 0)
         on_time = problem.time_invariant or abs(problem.time(step) - t) <= ON_TIME * problem.delta
         return step if on_time and step <= table.steps else None

@@ -32,11 +32,12 @@ from sdhj.kernels.tubes import (
 
 @kernel(**UNCOUNTED)
 def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
-    """Do the look at the true sets for some rows, states (M, ndim) by number, by their tapes, and undo in `out` what
-    they refute; False where they are undefined.
+    """Do the look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
 
-    table : (stored_tubes, lattice). space : (scratch, samples, work), see `samples_for`. when, packs, ahead, out : as
-        for `decide`.
+    rows : the numbers of these in states (M, ndim). The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are
+        looked up for a state of which no input is safe any longer.
+    when, packs, ahead, out : as for `decide`. table : (stored_tubes, lattice). space : (scratch, samples, work), see
+        `samples_for`.
     """
     (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
         when,
@@ -62,12 +63,15 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 
 @kernel(**UNCOUNTED)
 def _write_ahead(begin, rows, states, packs, ends, found, work):
-    """Write what inputs lead to from states rows[begin:], and the hulls of their boxes; returns how many nodes these
-    may touch at most, -1 where formulas are undefined.
+    """Write what inputs lead to from the states rows[begin:], and the hulls of their boxes, to `found`.
 
-    rows : the states at hand. packs, ends : as for `decide`. found : near (4 + K, L, ndim, R), which may be `ends` if
-        that is one for all; of it what makes hulls; at (R, ndim), overwritten; hulls (R, 2, ndim). work : see
-        `work_for`.
+    By the tape for it, or from `ends`. Returns how many nodes a hull may touch at most, -1 where formulas are
+    undefined.
+
+    rows : the numbers of the states at hand. begin : how many were done before, the column of the first in `ends`.
+    packs, ends : as for `decide`.
+    found : near (4 + K, L, ndim, R), which may be `ends` if these are one for all; of it what makes hulls; at (R,
+        ndim), scratch; hulls (R, 2, ndim). work : of `work_for`.
     """
     (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -92,9 +96,9 @@ def _write_ahead(begin, rows, states, packs, ends, found, work):
 
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
-    """Write to `out` the answers for the states with numbers `rows`, of (M, ndim); False where formulas are
-    undefined. space : (scratch, samples, work), see `samples_for`; when, packs, stored, ahead, out : as for
-    `decide`.
+    """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
+
+    when, packs, stored, ahead, out : as for `decide`. space : (scratch, samples, work), see `samples_for`.
     """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)

@@ -64,6 +64,7 @@ class ArmProof(Proof):
         parts : into which an interval is cut under the fastest input; under slower ones into fewer.
         allowed (steps, L, n1, n2) bool : from where the arm is clear of the known obstacles; None: computed
             (`clear_of_obstacles`).
+
         ValueError for arms, speeds or numbers of steps that are too large, MemoryError where it does not fit into
         memory.
         """
@@ -132,8 +133,7 @@ class ArmProof(Proof):
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """The shape (n1, n2, W) of a packed set: cells of the two joints, and words of the cells (x, y) of the agent.
-        """
+        """The shape (n1, n2, W) of a packed set: cells of both joints, and words of the cells (x, y) of the agent."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
@@ -177,8 +177,7 @@ class ArmProof(Proof):
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
-        """Write to an open file from where the arm is clear of the known obstacles; all else is computed again quickly.
-        """
+        """Write to an open file from where the arm clears the known obstacles; all else is quickly computed again."""
         file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod
@@ -261,8 +260,7 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """The least and the greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2).
-    """
+    """Least and greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2)."""
     edges, off = axes[axis].edges(), float(unknown(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 

@@ -143,6 +143,7 @@ def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float
         alone, which leave room for rounding only. Values for which a ball leaves something open are not counted.
     times : the least and the greatest time, s, of which one is drawn. The components of a disturbance that a velocity
         reads are drawn from -1 to 1.
+
     What is beyond its bounds is returned as (state, ball, least, greatest).
     """
     rng, pushes = np.random.default_rng(seed), max((n.given[0] for n in formula.nodes if n.name == "p"), default=0)

@@ -48,8 +48,7 @@ class Words:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read an exported file; ValueError where a digest, a length or a number does not fit, OSError without a file.
-        """
+        """Read an exported file; ValueError where a digest, length or number does not fit, OSError without a file."""
         version, data = _whole(path)
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
@@ -99,8 +98,7 @@ class Words:
 
 
 def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version and the bytes of an exported file; ValueError for an unknown version, or where a digest does not fit.
-    """
+    """The version and the bytes of an exported file; ValueError if the version or a digest does not fit."""
     data = Path(path).read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
@@ -111,8 +109,7 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
 
 def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """Arrays of the given shapes, as int, from bytes in which they lie one after the other, numbers of 16 signed bits.
-    """
+    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits."""
     each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
 

@@ -61,8 +61,7 @@ class Reader:
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
-        """Raise ValueError unless `fits`: it says what is `wrong`, and the number and the text of the line being read.
-        """
+        """Raise ValueError unless `fits`: it says what is `wrong`, and number and text of the line being read."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
@@ -200,6 +199,7 @@ class Formula:
         """This formula with constants for those parameters, from number `parameters` on, that all rows agree on.
 
         rows : for each input the values of these parameters, as `without_constants` returns them.
+
         Returns the formula, whose other parameters are numbered anew, and their values, in rows as before.
         """
         # check 3.87
@@ -245,8 +245,7 @@ class Formula:
 
     @cached_property
     def done(self) -> dict[int, list[int]]:
-        """By the number of a node, the nodes whose values are not needed any more once it is evaluated; computed once.
-        """
+        """By the number of a node, the nodes whose values nobody needs once it is evaluated; computed once."""
         last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
         done: dict[int, list[int]] = {}
         for operand in last.keys() - set(self.results):

@@ -332,8 +332,7 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Group the columns of whole numbers (axes, M): yield each different column, and the indices (m,) where it stands.
-    """
+    """Group the columns of whole numbers (axes, M): yield each different column and its indices (m,)."""
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():

@@ -95,8 +95,7 @@ class Lattice:
         return sums(met, self.periodic)
 
     def boxes(self, first: Array, side: int) -> Array:
-        """The ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider.
-        """
+        """Ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider."""
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
         low, high = np.moveaxis(np.array(ends), 1, 2)

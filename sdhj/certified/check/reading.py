@@ -69,8 +69,7 @@ def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) 
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
-    """A list of `count` numbers of the head, as floats; ValueError, calling it `name`, unless all are at least `least`.
-    """
+    """A list of `count` numbers of the head as floats; ValueError, calling it `name`, unless all are >= `least`."""
     expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)  # check 7.33
     return [real(name, value, least) for value in values]
 

@@ -704,8 +704,7 @@ class Robot(Sets):
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
-        """The claim, checked, that inputs lead into the target itself, for the sites of cells with flat numbers (M,).
-        """
+        """The claim, checked, that inputs lead into the target itself, at the sites of cells of flat numbers (M,)."""
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
         some = np.zeros(self.arrives.shape[1], np.bool_)
         some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
@@ -745,8 +744,7 @@ class Robot(Sets):
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
-            """Whether some clear input leads from each of the cells with numbers `some` (m,) into the set: (m,) bool.
-            """
+            """Whether some clear input leads from each of the cells with numbers (m,) into the set: (m,) bool."""
             out = np.zeros(len(some), np.bool_)
             for j in range(self.low.shape[1]):
                 left = np.flatnonzero(~out)
@@ -756,8 +754,7 @@ class Robot(Sets):
         return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set, (cells,) bool, lie below each corner: `sums` of the set, periodic axes twice over.
-        """
+        """How many cells of a set, (cells,) bool, lie below each corner: its `sums`, periodic axes twice over."""
         return sums(cells.reshape(self.counts), self.periodic)
 
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:

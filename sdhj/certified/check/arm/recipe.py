@@ -100,7 +100,6 @@ def obstacles(q: Array, t: float, scene: Any) -> Array:
 
 
 def goal(q: Array, t: float, scene: Any) -> Array:
-    """The distance of the tip at states (M, 4) from the target's centre at time t, less the target's radius: (M,), m.
-    """
+    """The distance of the tip at states (M, 4) from the target's centre at time t, less its radius: (M,), m."""
     at = centre(scene.goal, t) if chased(scene) else q[:, 2:]
     return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.goal[7])

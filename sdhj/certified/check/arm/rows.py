@@ -157,8 +157,7 @@ def check_steps(i1, i2, world, stored, bench, todo):
 
 @compiled()
 def unproved(i1, i2, world, stored):
-    """The agent's cells that each set adds in the row of joint cells i1, i2 and that are not proved: (entries, words).
-    """
+    """The agent's cells that sets add in the row of joint cells i1, i2 and that are not proved: (entries, words)."""
     bench, row = bench_of(i1, i2, world), i1 * (world.q2.size - 1) + i2
     todo = np.empty((stored.places.shape[0], stored.pool.shape[1]), np.uint64)
     for place in range(len(todo)):
