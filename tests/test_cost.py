@@ -88,7 +88,7 @@ def test_cost_of_the_moving_frame_is_that_of_one_equation_and_a_shift_for_each_i
     used = games.HJIGames(problem.padded, schemes.Scheme())
     cells = 0.25 * np.array(bounds) / problem.grid.spacing  # that the disturbance pushes, to either side
     reached = sum(4 + 2 * c if c >= 1 else 4 for c in cells) if (cells >= 1).any() else 0
-    looks = solved * used.around[0].size * (4 * (3 + 5) + reached)
+    looks = solved * used.moving_grid[0].size * (4 * (3 + 5) + reached)
     assert used.shifted and done["updates"] > 0
     assert stated.once + solved * each == pytest.approx(done["updates"] + done["calls"] * CALL + looks / 4, rel=1e-3)
 

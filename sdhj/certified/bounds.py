@@ -150,12 +150,12 @@ class Bounds:
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
-        for at in _some(np.arange(out.size)):
+        for at in _in_runs(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
             out.ravel()[at] = _sign(self._level(axes, function, picked(first, there), picked(last, there), *times))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _some(left):
+        for at in _in_runs(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
             ends = picked(low, there), picked(high, there)
@@ -229,7 +229,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _some(places: FloatArray) -> Iterator[FloatArray]:
+def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
     """Yield the indices (n,) in runs of at most `BOXES`, one after the other."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 

@@ -413,10 +413,15 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
     return Speeds(np.maximum(wider, 0.0), (ends[1] - ends[0]).mean(axis=(0, 1)), extremes, jacobians, _ways(problem))
 
 
-def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds) -> tuple[float, float]:
+def cost(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
+) -> tuple[float, float]:
     """The seconds of one core that preparing a proof takes, and those of the recursion, with these cells.
 
-    (preparing, recursion), counts of operations times the constants above. parts : into which an interval is cut.
+    (preparing, recursion), counts of operations times the constants above.
+
+    parts : into which an interval is cut. boxes : in how many boxes the level-set function of each unsafe set is
+        bounded.
     """
     depends = place_axes(problem, axes)
     _, moves, clear = shapes(problem, axes, depends)
@@ -435,7 +440,7 @@ def cost(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, spe
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        first += BOXED * BOXES_OF_A_SET * _operations(unsafe_set.level_set)
+        first += BOXED * boxes * _operations(unsafe_set.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
     widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]

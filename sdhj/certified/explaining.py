@@ -1,15 +1,15 @@
 """Why a state is not certified: by which obligation of the proof each input fails, by how much, and what would help."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from sdhj.certified.choosing import losses, lost_to, speeds_of
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
+from sdhj.certified.limits import Gain
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import cells_at, held_in_boxes
 from sdhj.problem.checks import states_array
@@ -22,6 +22,9 @@ from sdhj.table.explaining import Explanation, Failure, entry_named, refuted
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
 SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
+UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
+TWICE = "more than twice the cells, of which twice along an axis are not enough"
+COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
 
@@ -82,13 +85,40 @@ def scanty(table: Any) -> Finding | None:
         f"{share:.2g} of the state space of {problem.name!r} is certified, {than}: more is not proved at "
         f"{' x '.join(map(str, table.shape))} cells, which does not mean that there is no more"
     )
-    places = np.flatnonzero(inside & ~table.contains(drawn))
-    if not places.size:
+    lost = ~table.contains(drawn) & free
+    if not problem.has_no_target:
+        lost &= problem.target_value(drawn, t) > 0
+    if not lost.any():
         return Finding(message, share, "")
-    q = drawn[places[0]]
-    at = np.array2string(q, precision=3, separator=", ")
-    helps = f"What may help: {'; '.join(explain(table, q, 0, None).helps)}. See table.explain({at})"
-    return Finding(f"{message}. ", share, helps)
+    at = np.array2string(drawn[np.argmax(2 * lost + (lost & inside))], precision=3, separator=", ")
+    return Finding(f"{message}. ", share, f"{_advice(table, drawn[lost])}. See table.explain({at})")
+
+
+def _advice(table: Any, states: FloatArray) -> str:
+    """What limits states (M, ndim) that a table lacks at step 0, and what may help, as a text, by the table's copies."""
+    if (limits := _limits(table)) is None:
+        return f"What may help: {UNTRIED}"
+    causes, added = limits.gains(states, 0, table.steps)
+    told = [f"{one.name} ({one.before:.2g} with it, {one.then:.2g} without)" for one in causes]
+    helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added] + _remedies(causes, added)
+    of = f"of the states {'' if table.problem.has_no_target else 'outside the target '}that it lacks"
+    by = f", by the shares that copies of {limits.cells} cells have {of}: {'; '.join(told) or 'nothing that was tried'}"
+    return f"What limits it{by}. What may help: {'; '.join(helps)}"
+
+
+def _remedies(causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
+    """What helps against causes, as texts, beside what was added; more cells where nothing else is known."""
+    out = [one.helps for one in causes if one.helps]
+    of_cells = len(out) < len(causes) or not causes
+    return out + [TWICE] * (of_cells and not any(one.helps.startswith("more cells") for one in added))
+
+
+def _limits(table: Any) -> Any:
+    """The `Limits` of a table, solved at first use; None where its problem has no copies."""
+    try:
+        return table.limits
+    except (ValueError, MemoryError):  # intervals cannot evaluate a function, say
+        return None
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
@@ -121,6 +151,7 @@ class _Cell:
         """
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
+        self.within = within
         self.place, parts = table.tube_index(step + 1, within - 1), table.proof.parts
         edges = np.array([axis.edges()[i : i + 2] for axis, i in zip(table.axes, cell, strict=True)])
         self.box = np.stack([edges[:, 0] - table.proof.shell, edges[:, 1] + table.proof.shell])
@@ -134,20 +165,28 @@ class _Cell:
     def explained(self, says: str) -> Explanation:
         """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
 
-        Failures of images come before those of tubes, each sorted by how much is missing.
+        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing.
         """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.uncovered(j) if clear[j] else self.met(j) for j in range(len(clear))]
-        failures.sort(key=lambda one: (one.by != "image", -one.short))
-        return Explanation(False, says, tuple(failures), tuple(self.helps(failures[0])))
+        failures.sort(key=lambda one: (one.by not in COVER, -one.short))
+        causes, helps = self.limits()
+        return Explanation(False, says, tuple(failures), (*helps, *self.helps(failures[0])), causes)
+
+    def limits(self) -> tuple[tuple[str, ...], list[str]]:
+        """What keeps the state out, and what helps, by the table's copies: causes and advice, as texts."""
+        if (limits := _limits(self.table)) is None:
+            return (), [UNTRIED]
+        causes, added = limits.gains(self.state[None], self.step, self.within)
+        return tuple(one.name for one in causes), [*(one.helps for one in added), *_remedies(causes, added)]
 
     # ---- the two obligations
 
     def uncovered(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
-        Its `short` is minus the share of the image's cells that are not; it is 0, and `by` empty, where all are
-        certified.
+        `short` is minus the share of the image's cells that are not; it is 0, and `by` empty, where all are certified.
+        `by` is "rounding" where the state alone leads to certified cells only, else "image".
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         held = self.table.proof.in_image(cells, self.cell, j, self.step)
@@ -160,7 +199,17 @@ class _Cell:
         ends = zip(self.problem.grid.names, edges, strict=True)
         where = ", ".join(f"{name} {a:.4g} to {b:.4g}" for name, (a, b) in ends)
         says = f"of {len(cells)} cells that it may lead to {len(lost)} are not certified, within {where}"
+        if self.covered(j):
+            return Failure(j, "rounding", -len(lost) / len(cells), f"{says}; from the state alone all are")
         return Failure(j, "image", -len(lost) / len(cells), says)
+
+    def covered(self, j: int) -> bool:
+        """Whether all cells that u_j may lead the state alone to, not all of its cell, are certified for the next step."""
+        known, alone = self.table.cells, np.stack([self.state, self.state])
+        _, last = self.proof.swept(alone[:, None], j, float(self.cuts[0]), FINEST)
+        first, end = (alone + last[0].T - known.lower) / known.width
+        low = np.floor(first).astype(np.int64)
+        return not self.covering(low, np.maximum(np.ceil(end).astype(np.int64) - 1, low))[1].any()
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The cells (M, ndim) of the box from low to high (ndim,), inclusive, and which are not certified: (M,) bool.
@@ -217,24 +266,15 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Yield advice, as texts: along which axis the cell is too wide, what else to change, what is bounded loosely.
+        """Yield advice, as texts: whether the input meets something from the state alone, and what is bounded loosely.
 
         nearest : the failure of the input that comes nearest to success.
         """
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
-        short = [self.shortfall(nearest, thin) for thin in (*np.eye(ndim, dtype=bool), np.ones(ndim, np.bool_))]
-        if short[-1] >= 0:
-            yield f"more cells along {names[int(np.argmax(short[:-1]))]}"
-        elif nearest.by == "image":
-            speeds = speeds_of(self.problem)
-            rates = losses(self.problem, speeds).T
-            lost = [lost_to(self.problem, k, own, [self.table.axes[k]], speeds)[0] for k, own in enumerate(rates)]
-            further = f"more cells along {names[int(np.argmax(lost))]}" + " or more steps" * (
-                not self.problem.has_no_target
-            )
-            yield f"{further}, or nothing: even from the state alone the input leads to cells that are not certified"
-        else:
-            yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
+        if nearest.by not in ("", *COVER):
+            alone = dict(self.depths(j, np.stack([self.state, self.state])))
+            if nearest.by in alone and alone[nearest.by].min() < 0:
+                yield "other inputs, or a smaller set or disturbance: the tube of the state alone is not clear either"
         rng, t, dynamics = np.random.default_rng(0), float(self.cuts[0]), self.problem.dynamics
         states = self.problem.grid.wrapped(rng.uniform(self.box[0], self.box[1], (TRIED, ndim)))
         pushes = rng.choice([-1.0, 1.0], (TRIED, dynamics.adversaries)) * dynamics.bounds_at(j, t)
@@ -242,23 +282,3 @@ class _Cell:
         bounded = np.ptp(self.proof.bounds.velocity(j, self.box[:1], self.box[1:], t, t), axis=0)[0]
         for axis in np.flatnonzero(bounded > LOOSE * tried + NEGLIGIBLE * self.scales / self.problem.delta):
             yield f"closer bounds on the velocity along {names[axis]}, {bounded[axis]:.3g} wide, not {tried[axis]:.3g}"
-
-    def shortfall(self, failure: Failure, thin: FloatArray) -> float:
-        """By how much an input fails from the part of the cell that is cut to the state on the axes `thin`.
-
-        >= 0 where it does not fail any longer. The measure is that of `failure`: the least level-set value of its tube,
-        or minus the number of cells of its image that are not certified.
-
-        thin : (ndim,) bool.
-        """
-        box, known = np.where(thin, self.state, self.box), self.table.cells
-        if failure.by != "image":
-            found = self.depths(failure.input, box)
-            return min((float(deep.min()) for name, deep in found if name == failure.by), default=0.0)
-        _, last = self.proof.swept(box[:, None], failure.input, float(self.cuts[0]), FINEST)
-        first, end = (box + last[0].T - known.lower) / known.width
-        return -float(
-            self.covering(
-                np.floor(first).astype(np.int64), np.maximum(np.ceil(end) - 1, np.floor(first)).astype(np.int64)
-            )[1].sum()
-        )

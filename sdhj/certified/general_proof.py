@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
@@ -51,6 +51,8 @@ def lattice_of(
     times: Sequence[tuple[float, float]],
     steps: int,
     sway: FloatArray,
+    most: int = BOXES_OF_A_SET,
+    centres: bool = False,
 ) -> Boxes:
     """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
@@ -62,9 +64,11 @@ def lattice_of(
     steps : for how many steps there will be such a lattice; they share memory, so boxes are the coarser.
     sway (ndim,) : how far most tubes stick out of their cells to both sides. Along an axis where that is less than a
         box, boxes are wider by it when the set is bounded, and tubes are looked up without it.
+    most : about how many boxes there are at most, at all times and for all steps together.
+    centres : count the boxes whose centre may be in the set, instead of those that may meet it; that proves nothing.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
-    boxes = BOXES_OF_A_SET / (len(times) * steps * math.prod(own.counts.tolist()))
+    boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
     fine = min(max(int(boxes ** (1 / len(unsafe_set.axes))), 1), PIECES_OF_A_CELL)
     pitch, sizes = own.width / fine, own.counts * fine
     sway = np.where(sway[list(unsafe_set.axes)] < pitch, sway[list(unsafe_set.axes)], 0.0)
@@ -73,6 +77,8 @@ def lattice_of(
     corner = [begin + step * np.arange(size) for begin, step, size in zip(own.lower, pitch, sizes, strict=True)]
     low = [begin - more for begin, more in zip(corner, wider, strict=True)]
     high = [begin + step + more for begin, step, more in zip(corner, pitch, wider, strict=True)]  # obligation 4.1
+    if centres:
+        low = high = [begin + step / 2 for begin, step in zip(corner, pitch, strict=True)]
     sums, some = [], [~bounds.outside(unsafe_set, low, high, span) for span in times]  # obligation 4.2
     for meets in [*some, np.any(some, axis=0)] if len(some) > 1 else some:  # obligation 4.25
         for k in np.flatnonzero(own.periodic).tolist():
@@ -152,6 +158,7 @@ class GeneralProof(Images):
     arrives: FloatArray
     _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
+    most_boxes: ClassVar[int] = BOXES_OF_A_SET
 
     @property
     def lines(self) -> Lines:
@@ -305,7 +312,13 @@ class GeneralProof(Images):
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
 
     def _mark_collisions(
-        self, lattices: list[list[Boxes]], start: int, j: int, some: FloatArray, tubes: FloatArray
+        self,
+        lattices: list[list[Boxes]],
+        start: int,
+        j: int,
+        some: FloatArray,
+        tubes: FloatArray,
+        at_ends: FloatArray | None = None,
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
@@ -313,8 +326,11 @@ class GeneralProof(Images):
 
         lattices : for each unsafe set one lattice for each step, or a single one if the set stands still (`_lattices`).
         start : the index of the interval in `low` and `high`.
-        some (M,) : places, consecutive numbers. tubes (M, parts, ndim, 2) : their tubes, as `swept` returns them.
+        some (M,) : places, consecutive numbers.
+        tubes (M, parts, ndim, 2) : their tubes, as `swept` returns them.
+        at_ends : the tubes that must not leave by an unsafe end, if they are others than `tubes`.
         """
+        leaving = tubes if at_ends is None else at_ends
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
         still = np.full(self.clear.shape[1], 255, np.uint8)
         rounding = np.maximum(SLACK * np.array(grid.spacing) - 2 * self.shell, 0.0)
@@ -322,7 +338,7 @@ class GeneralProof(Images):
         if np.isfinite(faces).any():  # obligation 4.12
             faces += np.stack([-rounding, rounding])  # obligation 4.13
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
-            self._once(still, ends, lambda bits, some: mark_exits(bits, tubes, places, faces, bit, some))
+            self._once(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
         # obligation 4.47
         own = [one for one, part in zip(lattices, self.problem.unsafe, strict=True) if part.counts(j)]
         for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
@@ -364,11 +380,12 @@ class GeneralProof(Images):
         every = clear.reshape(counts)
         every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
-    def _lattices(self, progress: bool | None) -> list[list[Boxes]]:
+    def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
         """For each unsafe set its lattices (`lattice_of`): one for each step, or a single one if the set stands still.
 
-        progress : as for `prepare`.
+        progress : as for `prepare`. centres : as for `lattice_of`.
         """
+        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         out: list[list[Boxes]] = []
         grid, sensing = self.problem.grid, self.problem.sensing
         length, late = sensing.hold(self.problem.delta)[0], sensing.jitter
@@ -379,14 +396,14 @@ class GeneralProof(Images):
         sway = np.max(pushed, axis=0) / 2 * length + self.prediction_error
         for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
             if not part.moving:
-                out.append([lattice_of(self.bounds, self.axes, part, [self._always], 1, sway)])
+                out.append([made(part, [self._always], 1, sway)])
                 continue
             out.append([])
             for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
                 # obligation 4.7
                 cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
                 times = [(t0 - late, t1 + late) for t0, t1 in cuts]  # obligation 4.8
-                out[-1].append(lattice_of(self.bounds, self.axes, part, times, self.problem.steps, sway))
+                out[-1].append(made(part, times, self.problem.steps, sway))
         return out
 
     def goal(self, step: int) -> FloatArray:

@@ -165,6 +165,14 @@ class Proof:
         """Whether sets lose cells, rather than gain them, with every step to go: without a target."""
         return self.problem.has_no_target
 
+    @property
+    def phases(self) -> int:
+        """After how many steps in a row without a change sets will not change any more; here 1.
+
+        All steps have the same images here; a proof whose images go through several phases needs as many.
+        """
+        return 1
+
     @kept
     def cells(self) -> Cells:
         """The cells as arrays for compiled code (`Cells`), made once, at first use."""

@@ -15,6 +15,7 @@ from sdhj.certified.cells import DRIFT, CellAxis, axis_in_file
 from sdhj.certified.explaining import explain
 from sdhj.certified.general_proof import GeneralProof
 from sdhj.certified.labels import as_built
+from sdhj.certified.limits import Limits
 from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.formulas.formula import BlackBox
@@ -448,6 +449,16 @@ class CertifiedTable(Table):
         return np.concatenate([to_bits(slab, shares.size) @ shares for slab in slabs])
 
     @cached_property
+    def limits(self) -> Limits:
+        """What keeps the table small, by coarse copies of the problem (`sdhj.certified.limits`); for `explain`.
+
+        The copies are solved once, at first use, which takes a part of the time of the table's solve. ValueError if
+        intervals cannot evaluate a function of the problem, as for the arm's case study; MemoryError where there is too
+        little memory.
+        """
+        return Limits(self, CellSets)
+
+    @cached_property
     def losing(self) -> "CertifiedTable":
         """The cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction` of these.
 
@@ -598,8 +609,12 @@ class CellSets:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1)."""
-        return not self._added(step, within)[0].size
+        """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1).
+
+        If the proof has several `phases`, whether the set has not changed for so many steps.
+        """
+        last = range(within - self.proof.phases + 1, within + 1)
+        return last[0] > 0 and not any(self._added(step, n)[0].size for n in last)
 
     def share(self, step: int, within: int) -> None:
         """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""

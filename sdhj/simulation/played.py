@@ -17,6 +17,7 @@ from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
 from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.gaps import gaps
+from sdhj.solver.resolution import losing_to_error
 from sdhj.table.batches import Batch, Table
 from sdhj.table.controller import Controller
 
@@ -265,6 +266,8 @@ def _emptied(table: Table, share: float) -> Finding:
         names = ", ".join(repr(unsafe_set.name) for unsafe_set in problem.unsafe) or "the unsafe ends of the grid"
         message += f": no input stays clear of {names} for one interval; "
         return Finding(message, share, "use a shorter delta or other inputs")
+    if eaten := losing_to_error(problem):  # no node brings that back
+        return Finding(f"{message}: {eaten.cause}", share, eaten.remedy)
     gains = f"none of the {len(problem.inputs)} inputs makes progress against the adversary"
     but = "hardly from any for all steps" if problem.has_no_target else gains
     message += f": from {ways:.0%} of the free states some input stays clear for one interval, but {but}; "

@@ -70,7 +70,7 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
         tell(found or _nowhere(problem, unsafe_set))
 
 
-def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
+def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
     """The finding of an axis along which, without memory, an interval costs 2 E, as much as the choice of the
     input changes in it, or more; the first one, None where there is none. Velocities are those at random states.
     """
@@ -93,12 +93,12 @@ def _losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
     """Warn of sets, also targets, that are cut off where a periodic axis closes, of velocities that jump there,
-    and of a `Sensing` whose error costs more than inputs change (`_losing_to_error`).
+    and of a `Sensing` whose error costs more than inputs change (`losing_to_error`).
     """
     for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
     tell(next(filter(None, (_turning_over(problem, t) for t in _moments(problem, problem.dynamics.timed))), None))
-    tell(_losing_to_error(problem))
+    tell(losing_to_error(problem))
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:

@@ -195,7 +195,9 @@ class Table:
             `print` shows it. For each input: the unsafe set, or the end of an axis, that the state may meet, and when;
             or by how much it may end outside the tube with one step less to go. Of a certified table: how deep the
             tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
-            not proved at these cells may be true all the same, and may be proved at others.
+            not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
+            tried on coarse copies of the problem (`sdhj.certified.limits`), which are solved when a table is asked
+            first, for up to half the time of its solve or a few seconds.
 
         Raises
         ------

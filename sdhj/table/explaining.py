@@ -22,7 +22,8 @@ class Failure:
     input : int
     by : str
         The unsafe set or the end of an axis that the state may meet; "image" if what it may lead to is not all in the
-        next tube; "marks" if only the look at the nodes around or at the true sets refuses it.
+        next tube, and "rounding" if only what its whole cell may lead to is not; "marks" if only the look at the nodes
+        around or at the true sets refuses it.
     short : float
         By how much, as a number below 0. On a grid the level-set value, turned; for a certified table the least that
         the set's level-set function may be, the way past the end, or the share of the image's cells not certified.
@@ -49,20 +50,27 @@ class Explanation:
     failures : tuple of Failure
         One for each input that does not keep the promise, the nearest to doing so first.
     helps : tuple of str
-        What may let the nearest input do so.
+        What may let an input do so.
+    causes : tuple of str
+        Of a certified table, what a coarse copy of the problem has to lose to have the state (`sdhj.certified.limits`):
+        "rounding", without a target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole
+        cells, "push", "noise", or "wide cells" where it is several of the first at once.
     """
 
     inside: bool
     says: str
     failures: tuple[Failure, ...] = ()
     helps: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """The explanation, the first failures, and what may help."""
+        """The explanation, the first failures, what keeps the state out, and what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
-        return "\n".join([self.says, *lines, *(["What may help: " + "; ".join(self.helps)] if self.helps else [])])
+        lines += ["What keeps it out: " + "; ".join(self.causes)] if self.causes else []
+        lines += ["What may help: " + "; ".join(self.helps)] if self.helps else []
+        return "\n".join([self.says, *lines])
 
 
 def entry_named(table: Any, step: int, within: int) -> str:

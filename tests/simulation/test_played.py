@@ -88,8 +88,11 @@ def test_an_empty_tube_says_what_emptied_it(solves_are_played: None) -> None:
     with pytest.warns(ResolutionWarning, match=f"{kept} stronger inputs"):
         sdhj.solve(replace(problem, dynamics=weak, steps=40), progress=False)
     blurred = replace(problem, steps=40, sensing=sdhj.Sensing(error=0.5, memory=False))
-    with pytest.warns(ResolutionWarning, match="hardly from any for all steps; use a smaller error, delay or jitter, "):
-        sdhj.solve(blurred, progress=False)
+    with pytest.warns(ResolutionWarning, match="holds 0 of .*: an input changes x1 by .* leaves open .* costs") as seen:
+        none = sdhj.solve(blurred, progress=False)
+    assert "memory=True" in str(seen[-1].message) and "nodes" not in str(seen[-1].message)
+    followed = sdhj.solve(replace(blurred, sensing=sdhj.Sensing(error=0.5)), progress=False)
+    assert followed.fraction() > 0.3 > none.fraction() == 0.0
     reach = replace(interval_problem(unsafe=False), dynamics=weak)
     with pytest.warns(ResolutionWarning, match="none of the 3 inputs makes progress against the adversary; use"):
         sdhj.solve(reach, progress=False)

@@ -1,0 +1,241 @@
+"""What limits a certified table, by copies without one cause at a time; and each kind of advice, followed once."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from robots import car
+
+import sdhj
+from sdhj.certified.limits import PHASES
+
+SLOW, PUSH = 0.4, 0.2371  # m in an interval
+COMPASS = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]]
+
+
+def solved(problem, *cells):
+    return sdhj.solve(problem, sdhj.Certified(cells=cells), progress=False, play=False)
+
+
+def drawn(problem):
+    """Free states outside the target, at random."""
+    q = np.random.default_rng(1).uniform(problem.grid.lower, problem.grid.upper, (4000, problem.grid.ndim))
+    q = q[problem.unsafe_value(q, 0.0) > 0]
+    return q if problem.has_no_target else q[problem.target_value(q, 0.0) > 0]
+
+
+def told(table, states=None):
+    """Names of causes, and of what was added, over all of these states."""
+    states = drawn(table.problem) if states is None else states
+    causes, added = table.limits.gains(states[~table.contains(states)], 0, table.steps)
+    return [one.name for one in causes], [one.helps for one in added]
+
+
+def share(problem, *cells, of=None):
+    """How many of the states of a problem, or of another, are certified."""
+    return solved(problem, *cells).contains(drawn(of or problem)).mean()
+
+
+def line():
+    """x on a line of 10 m that stands or moves on, and cells of which no width fits both; a post, and a goal behind."""
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([0.0], [10.0], [41], names=["x"]),
+        dynamics=sdhj.Dynamics([[0.0], [SLOW]], [[0.0], [SLOW]], [[1.0]], [PUSH]),
+        target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 8.03) - 1.3),
+        unsafe=[sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0) - 0.4, name="post")],
+        delta=1.0,
+        steps=12,
+    )
+
+
+def plane(push=0.2, gap=0.6):
+    """A point in the plane that goes at 1 m/s along an axis; behind a wall with a gap the target."""
+
+    def wall(p, t):
+        return np.maximum(np.abs(p[:, 0] - 0.7) - 0.2, gap / 2 - np.abs(p[:, 1]))
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-2, -2], [2, 2], [41, 41]),
+        dynamics=sdhj.Dynamics(COMPASS, COMPASS, np.eye(2), [push, push]),
+        target=sdhj.TargetSet((0, 1), lambda p, t: np.hypot(p[:, 0] - 1.4, p[:, 1]) - 0.45),
+        unsafe=[sdhj.UnsafeSet((0, 1), wall, name="wall")],
+        delta=0.3,
+        steps=12,
+    )
+
+
+def joint(delta, error=0.0, memory=False):
+    """A joint before its stops, to be kept from them for ever; rad, rad/s."""
+
+    def drift(q, u):
+        return np.stack([q[:, 1], np.full(len(q), u[0])], axis=1)
+
+    return sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-1, -2], [1, 2], (51, 41), ends=["unsafe", "wall"], names=["q", "v"]),
+        dynamics=sdhj.Dynamics([[-4.0], [0.0], [4.0]], drift, [[0], [1]], [0.1]),
+        target=None,
+        unsafe=[],
+        delta=delta,
+        steps=None,
+        sensing=sdhj.Sensing((0.1 * error, error), memory=memory),
+    )
+
+
+# ---- what is taken away, by plain loops and in closed form
+
+
+def test_images_that_are_not_rounded_out():
+    """Set by set as plain loops have it: from the centre of a cell, its ends rounded in phases; also with walls on."""
+    table = solved(line(), 17)
+    copies = table.limits
+    width, count = float(copies.axes[0].width), copies.axes[0].count
+    assert count == 17 and abs(PUSH / width % 1.0) > 1e-3
+    rounding = next(one.table for one in copies.tried if one.cause == "rounding")
+    held = rounding.bits(start=0, within=0)
+    assert (held == copies.plain.bits(start=0, within=0)).all() and held.any()
+    proof = rounding.proof
+    for n in range(12):
+        before, phase = held.copy(), PHASES[n % len(PHASES)]
+        for i, j in np.ndindex(count, 2):
+            low, high = ((j * SLOW + side * PUSH) / width for side in (-1, 1))
+            first, last = math.floor(low + phase), math.floor(high + phase)
+            image = np.clip(range(i + first, i + last + 1), 0, count - 1)
+            clear, arrives = (marks[0, i, 0] >> j & 1 for marks in (proof.clear, proof.arrives))
+            held[i] |= clear and (before[image].all() or (n == 0 and arrives))
+        assert (held == rounding.bits(start=0, within=n + 1)).all(), n
+    plain = copies.plain.bits(start=0, within=12)
+    assert (held >= plain).all() and held.sum() > plain.sum()
+
+
+def test_tubes_and_goals_of_centres():
+    """Of a cell whose centre stays clear, or is in the target, whatever the cell's ends do."""
+    copies = solved(line(), 17).limits
+    edges = copies.axes[0].edges()
+    centres, fine = (edges[1:] + edges[:-1]) / 2, float(copies.axes[0].width) / 16
+    target = next(one.table for one in copies.tried if one.cause == "whole cells of the target")
+    assert (target.bits(start=0, within=0) == (np.abs(centres - 8.03) <= 1.3)).all()
+    proof = next(one.table for one in copies.tried if one.cause == "clearance of whole cells").proof
+    for j, (low, high) in enumerate(((-PUSH, PUSH), (0.0, SLOW + PUSH))):  # wherever it may come to on the way
+        clear = proof.clear[0, :, 0] >> j & 1 == 1
+        inside = (centres + high > 2.6 + fine) & (centres + low < 3.4 - fine)
+        outside = (centres + high < 2.6 - fine) | (centres + low > 3.4 + fine)
+        ends = (edges[1:] + high > 10.0) | (edges[:-1] + low < 0.0)  # of the whole cell
+        assert not (clear & (inside | ends)).any() and clear[outside & ~ends].all()
+
+
+def test_without_anything_a_copy_has_what_there_is():
+    """In closed form: as many steps before the target as the push leaves of them; to a cell."""
+    copies = solved(line(), 17).limits
+    free = next(one.table for one in copies.tried if one.cause == "wide cells")
+    lower, width = 8.03 - 1.3 - 12 * (SLOW - PUSH), float(copies.axes[0].width)  # 4.77
+    places = np.linspace(lower, 8.03, 400)[:, None]
+    assert free.contains(places[places[:, 0] > lower + width]).all() and copies.plain.contains(places).mean() < 0.75
+    assert not free.contains(np.linspace(0.0, lower - width, 50)[:, None]).any()
+
+
+# ---- what is said, and followed
+
+
+def test_a_push_that_is_too_strong():
+    """No number of cells helps, and none is advised."""
+    strong = solved(plane(push=1.1), 40, 40)
+    causes, added = told(strong)
+    assert causes == ["push"] and not added
+    says = strong.explain([1.4, 1.0])
+    assert says.causes == ("push",) and says.helps[0] == "a smaller disturbance or stronger inputs"
+    assert "What keeps it out: push" in str(says)
+    followed = share(plane(push=0.3), 40, 40, of=plane(push=1.1))
+    assert followed > 0.1 > share(plane(push=1.1), 80, 80, of=plane(push=1.1))
+
+
+def test_a_gap_that_is_too_narrow():
+    """The wall is named, and a wider gap gains what more cells do not."""
+    narrow = plane(gap=0.05)
+    before = drawn(narrow)[drawn(narrow)[:, 0] < 0.4]
+    causes, added = told(solved(narrow, 160, 160), before)
+    assert causes[0] == "clearance of 'wall'" and not any("more cells" in one for one in added)
+    assert not solved(narrow, 160, 160).contains(before).any()
+    assert solved(plane(gap=1.0), 160, 160).contains(before).mean() > 0.3
+
+
+def test_noise_and_a_controller_that_remembers():
+    noisy = joint(0.02, 0.05)
+    table = solved(noisy, 120, 120)
+    causes, added = told(table)
+    assert "noise" in causes and "Sensing(..., memory=True) and Controller.step" in added
+    before, remembers = share(noisy, 120, 120), share(joint(0.02, 0.05, True), 120, 120)
+    assert remembers > before + 0.3 and share(joint(0.02, 0.01), 120, 120) > before + 0.3
+
+
+def test_creep():
+    """What moves less than a cell in an interval is rounded out; a longer interval helps, and cells along one axis."""
+    fast = joint(0.01)
+    causes, added = told(solved(fast, 80, 80))
+    assert causes == ["creep"] and added == ["a longer interval", "more cells along v"]
+    before = share(fast, 80, 80)
+    assert (
+        share(joint(0.02), 80, 80) > before + 0.3 and share(fast, 80, 160) > before + 0.3 and not share(fast, 160, 80)
+    )
+
+
+def test_more_cells_along_an_axis():
+    """README's car, on few cells: rounding is the cause, and cells that are said to help do."""
+    problem = replace(car(), steps=8)
+    coarse = solved(problem, 32, 32, 31)
+    causes, added = told(coarse)
+    assert causes[0] == "rounding" and added[0].startswith("more cells along")
+    each = zip((32, 32, 31), problem.grid.names, strict=True)
+    cells = [n * (1 + any(one.endswith((name, "every axis")) for one in added)) for n, name in each]
+    assert cells != [32, 32, 31] and share(problem, *cells) > coarse.contains(drawn(problem)).mean() + 0.05
+
+
+def test_nothing_is_paid_where_nothing_is_said(solves_are_played):
+    """A table that is not scanty has no copies, until it is asked why."""
+    table = sdhj.solve(line(), sdhj.Certified(cells=[200]), progress=False)
+    assert "limits" not in vars(table) and "findings" not in table.details
+    assert table.explain([0.5]).failures and "limits" in vars(table)
+
+
+def test_where_there_are_no_copies(monkeypatch):
+    """Intervals that cannot evaluate a function, say: then nothing is claimed to have been tried."""
+    table = solved(line(), 17)
+    monkeypatch.setattr(
+        "sdhj.certified.limits.Copy.prepare", lambda self, progress: (_ for _ in ()).throw(ValueError())
+    )
+    says = table.explain([0.5])
+    assert not says.causes and "cannot be tried" in says.helps[0]
+
+
+@pytest.mark.parametrize("steps", [3, 4])
+def test_states_at_any_step(steps):
+    """Of a target that comes later, and of every step: copies answer for the entry that is asked for."""
+    moving = replace(
+        line(),
+        target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 6.0 - 0.3 * t) - 1.3),
+        steps=steps,
+    )
+    table = solved(moving, 30)
+    for step in range(steps):
+        for within in range(1, steps - step + 1):
+            says = table.explain([0.5], step, within)
+            assert not says.inside and says.helps
+
+
+def test_what_cannot_be_tried_is_left_out():
+    """A problem needs something to stay clear of; so its only set is not taken away, and what else can be tried is."""
+    problem = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([0.0], [10.0], [41], periodic=[True]),
+        dynamics=sdhj.Dynamics([[0.0], [1.0]], [[0.3], [1.0]], [[1.0]], [0.2]),
+        target=None,
+        unsafe=[sdhj.UnsafeSet((0,), lambda p, t: np.abs(p[:, 0] - 3.0) - 0.4, name="post")],
+        delta=1.0,
+        steps=20,
+    )
+    table = solved(problem, 20)
+    assert not table.fraction() and table.explain([7.0]).helps
+    tried = [one.cause or one.helps for one in table.limits.tried]
+    assert {"creep", "push", "a longer interval"} <= set(tried)
+    with pytest.raises(ValueError, match="unsafe"):
+        replace(problem, unsafe=[])
+    assert "clearance of 'post'" not in tried
