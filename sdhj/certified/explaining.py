@@ -95,7 +95,7 @@ def scanty(table: Any) -> Finding | None:
 
 
 def _advice(table: Any, states: FloatArray) -> str:
-    """What limits states (M, ndim) that a table lacks at step 0, and what may help, as a text, by the table's copies."""
+    """What limits states (M, ndim) that a table lacks at step 0, and what may help, by its copies: a text."""
     if (limits := _limits(table)) is None:
         return f"What may help: {UNTRIED}"
     causes, added = limits.gains(states, 0, table.steps)
@@ -204,7 +204,7 @@ class _Cell:
         return Failure(j, "image", -len(lost) / len(cells), says)
 
     def covered(self, j: int) -> bool:
-        """Whether all cells that u_j may lead the state alone to, not all of its cell, are certified for the next step."""
+        """Whether all cells that u_j may lead the state alone to, not its whole cell, are certified next."""
         known, alone = self.table.cells, np.stack([self.state, self.state])
         _, last = self.proof.swept(alone[:, None], j, float(self.cuts[0]), FINEST)
         first, end = (alone + last[0].T - known.lower) / known.width

@@ -309,7 +309,7 @@ class Limits:
             yield f"clearance of {one.name!r}", f"more room beside {one.name!r}", {"unsafe": rest}
 
     def _further(self) -> Iterator[tuple[str, dict[str, Any], tuple[CellAxis, ...]]]:
-        """Yield what may be added: what helps, in words, the changed fields of the problem, and the cells of each axis."""
+        """Yield what may be added: what helps, in words, the problem's changed fields, and the cells of each axis."""
         problem, axes, every = self.problem, self.axes, list[CellAxis]()
         for k, name in enumerate(problem.grid.names):
             finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
