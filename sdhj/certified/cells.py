@@ -145,7 +145,6 @@ class CellAxis:
 
         Returns
         -------
-
         first, number : (count,) int64
             The image of cell i lies in the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`.
             On a bounded axis it is clipped to the first and the last cell.

@@ -100,8 +100,9 @@ class Speeds(NamedTuple):
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores.
 
-    By the model in the module docstring, so a problem has the same numbers on every machine. parts : into which an
-        interval is cut.
+    By the model in the module docstring, so a problem has the same numbers on every machine.
+
+    parts : into which an interval is cut.
     """
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
     steps = losing_steps(problem, speeds)

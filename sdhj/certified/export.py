@@ -253,7 +253,6 @@ class InLines:
 
     Attributes
     ----------
-
     sides, blocks : (ndim,) int64
         The number of cells of a block, and the number of blocks, along each axis.
     along : int

@@ -143,7 +143,6 @@ class GeneralProof(Images):
 
     Attributes
     ----------
-
     clear : (starts, cells, bytes) uint8
         Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell. starts is 1 where nothing depends on time.
     sites : (ndim,) int64
@@ -295,7 +294,9 @@ class GeneralProof(Images):
         """Fill the moves, the lines, `clear` and `arrives`, and make them read-only. Called once, after `of`.
 
         Says for each input and place where the cells are led, where they stay clear, and where they are led into the
-            target. progress : whether to show progress bars, as for `sdhj.solve`. ValueError where a bound is missing.
+        target.
+
+        progress : whether to show progress bars, as for `sdhj.solve`. ValueError where a bound is missing.
         """
         finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
         mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)

@@ -247,7 +247,6 @@ class Images(Proof):
 
     Attributes
     ----------
-
     strides : (ndim,) int64
         A cell is at the place sum(cell * strides).
     low, high : (starts, L, places, ndim) int16
@@ -588,7 +587,9 @@ class Images(Proof):
         """The ValueError for boxes `ends` for which no larger ones are found that states stay in; it is returned.
 
         It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last,
-            `enclosure`. ends, enclosure : (2, M, ndim). times : of the piece, s.
+        `enclosure`.
+
+        ends, enclosure : (2, M, ndim). times : of the piece, s.
         """
         names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
         for boxes in (ends, enclosure):
@@ -626,7 +627,9 @@ class Images(Proof):
         """The sign of a set's level-set function in all of each cell: 1 where > 0, -1 where <= 0, else 0; int8.
 
         At all `times`, s to s. Cells are widened by the shell and E. The shape is that of the cells of all axes, with 1
-            for axes that the set does not depend on. part : the target or an unsafe set.
+        for axes that the set does not depend on.
+
+        part : the target or an unsafe set.
         """
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
@@ -634,8 +637,9 @@ class Images(Proof):
     def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
         """Whether each cell, widened by the shell and E, is proved to be outside a set at all `times`, s to s: bool.
 
-        The shape is as of `over_cells`. asked : bool, the cells of the set's axes that are asked about; False for
-            others.
+        The shape is as of `over_cells`.
+
+        asked : bool, the cells of the set's axes that are asked about; False for others.
         """
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])

@@ -63,7 +63,6 @@ class Copy(GeneralProof):
 
     Attributes
     ----------
-
     without : frozenset of str
         What of `CELLS` is taken away.
     of_centres : (starts, cells, bytes) uint8
@@ -142,8 +141,9 @@ class Copy(GeneralProof):
     def _moves_of_centres(self, start: int, phase: float) -> Moves:
         """The images of the centres from one start, moved on by phase - 1/2 of a cell and rounded: `Moves`.
 
-        They are inside the images of the cells. start : the index of the interval in `low` and `high`. phase : from 0
-            to 1.
+        They are inside the images of the cells.
+
+        start : the index of the interval in `low` and `high`. phase : from 0 to 1.
         """
         low, high = np.empty((2, *self.low.shape[1:]), np.int16)
         places, width = np.arange(self.low.shape[2]), np.array([float(axis.width) for axis in self.axes])

@@ -672,8 +672,9 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
 def _cells(table: CertifiedTable, within: int) -> BlackBox:
     """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on.
 
-    Its bounds raise ValueError where the tube depends on time and an interval of times is asked about. within : from 0
-        to N.
+    Its bounds raise ValueError where the tube depends on time and an interval of times is asked about.
+
+    within : from 0 to N.
     """
     problem = table.problem
 
@@ -691,8 +692,10 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
         return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds, both (M,), over boxes (M, ndim) and [t0, t1]: -1 and -1 in certified cells only, 1 and 1 in none,
-        else -1 and 1. ValueError if the tube depends on time and t0 < t1.
+        """Bounds of the function, both (M,), over boxes (M, ndim) and [t0, t1], s.
+
+        (-1, -1) where all of a box is in certified cells, (1, 1) where nothing of it is, else (-1, 1). ValueError if
+        the tube depends on time and t0 < t1.
         """
         if t0 != t1 and not problem.time_invariant:
             raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")

@@ -116,28 +116,34 @@ def decide(states, rows, when, packs, stored, ahead, out):
 
     Parameters
     ----------
+
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
     when : (step, within, steps, game, checks)
-        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. game:
-        as in `StoredTubes`. checks: `TUBES`, `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, which begins with what is in `out`.
-    packs, stored : (ints, floats), (index, tubes, marks, static, moving)
-        What is packed (above); of a `StoredTubes`.
+        step: k. within: inputs are judged by the tube of the fewest steps to go, but by that of `within` steps, at
+        least 1, where this is more. steps: N. game: as in `StoredTubes`. checks: `TUBES`, the tubes alone;
+        `TRUE_SETS_TOO`, then the look at the true sets; or `TRUE_SETS_ONLY`, that look alone, which begins with what is
+        in `out`.
+    packs : (ints, floats)
+        What is `packed` of the problem at this step (`sdhj.kernels.tubes` says what).
+    stored : (index, tubes, marks, static, moving)
+        As in `StoredTubes`.
     ahead : (ends (4 + K, L, ndim, 1 or R), scores (M, L), normals (K', ndim) or None)
         ends: what each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
-        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a tape for
-        it, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least score,
-        of equals that of least depth. normals: of the planes that states end between, where those are in no sum of a
-        box and segments; behind the path then the greatest n . x for each normal n, `ndim` of them in a term.
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where packs has a tape for
+        these, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least
+        score, of equals that of least depth. normals: those of the planes that states end between, where states are in
+        no sum of a box and segments; behind the path `ends` then has the greatest n . x for each normal n, `ndim` of
+        these in a term.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
-        To be written. to_go is -1 where no tube holds the state; safe is False, margins and depths inf and best -1
-        there and at the last step. Without a `game`, depths is the array margins.
+        Written in place for the given rows. to_go is -1 where no tube holds the state; safe is False, margins and
+        depths inf and best -1 there and at the last step. Without a `game`, depths is the array margins.
 
     Returns
     -------
     bool
-        Whether all formulas have values wherever they were evaluated; else the answers are worthless.
+        Whether all formulas have values wherever they were evaluated; else what is in `out` is worthless.
     """
     (ends, scores, normals), ints, inputs, ndim, slots = ahead, packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))

@@ -365,21 +365,23 @@ def _of_input(velocities, j):
 
 @kernel(parallel=True, least=FEW)
 def stage(phi, out, obstacle, velocities, order, flux, layout, step):
-    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least
-    `obstacle`.
+    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
 
-    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
-        in place, ghost nodes included.
-    obstacle : the obstacle function of all of them, likewise, or (0,) for none.
-    velocities : as many as there are say what they are when this is compiled:
-        (box,): the lower velocities of all axes and the upper ones, divided by dx;
-        (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
-        (box, inverse, drift, gain): coupled ones, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs:
-        H = max over modes of p . drift + sum_d |p . gain_d|, the box gives the dissipation.
-        Any of the three has one plane instead of all where it does not depend on the state. All but `inverse` have a
-        leading axis for the inputs.
-    order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
-    step : dt and keep.
+    Ghost nodes of `out` are set as well; `out` is modified in place. Where keep is 0, what was in `out` does not
+    matter.
+
+    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid.
+    obstacle : the obstacle function, for all inputs, likewise; or (0,) for none.
+    velocities : a tuple, whose length says what is in it when this is compiled.
+        (box,): the lower velocities of all axes, then the upper ones, divided by dx.
+        (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx of all
+        axes.
+        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
+        Any of them has one plane instead of all where it does not depend on the state. All but `inverse` have a leading
+        axis for the inputs.
+    order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.
+    layout : the `Layout`.
+    step : (dt, keep).
     """
     blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):

@@ -472,8 +472,10 @@ def _outward(op, fact, scratch, i, j, k, n, count):
 def _direct_bounds(op, scratch, i, j, k, last, count):
     """Write the intervals of the operations that need no `_at_ends` to rows 2 k and 2 k + 1 of scratch.
 
-    Rounded outward. op : by its number. The operands' intervals are in rows 2 i and 2 j and the next ones, that of the
-        third operand of `where` in 2 last.
+    Rounded outward.
+
+    op : by its number. The operands' intervals are in rows 2 i and 2 j and the next ones, that of the third operand of
+        `where` in 2 last.
     """
     a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]

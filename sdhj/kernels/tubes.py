@@ -270,8 +270,9 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
 def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
     """Write to moved[:2] the boxes of all inputs around slab number `slab` of what lies between their planes.
 
-    Where nothing lies in the slab, the middle of the box, which is always between the planes. last, moved[2] : of
-        `_count_slabs`; ends, normals, column, lattice : as there.
+    Where nothing lies in the slab, the middle of the box, which is always between the planes.
+
+    last, moved[2] : of `_count_slabs`. ends, normals, column, lattice : as there.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -362,8 +363,9 @@ def _depths(stored_tubes, state, box, normals, space, out):
     """out[j] = (1 - CENTRE) * (the largest value of the game in the box of input j) + CENTRE * (that at its centre).
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
-        has a worse largest value than what stays on it, although each step along it is lost. The centre tells them
-        apart. box, normals, space : as for `_worst_values`.
+    has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
+
+    box, normals, space : as for `_worst_values`.
     """
     (ends, column), (_, lattice, scratch) = box, space
     _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
@@ -381,8 +383,9 @@ def _depths(stored_tubes, state, box, normals, space, out):
 def _hazard(stored_tubes, step, j, scratch, still, moving):
     """The interpolated avoid tube of input j over the interval from a step: <= 0 where the input is safe.
 
-    The larger of the static and the moving one of `stored_tubes`. still, moving : how many nodes around the state, of
-        `corners`, scratch.index and weight have for each.
+    The larger of the static and the moving one of `stored_tubes`.
+
+    still, moving : how many nodes around the state, of `corners`, scratch.index and weight have for each.
     """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
@@ -456,8 +459,9 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
 def hull_of(ends, column, spacing, hull):
     """Write to hull (2, ndim) the box that holds those of all inputs, segments included; how many nodes it touches.
 
-    At most so many are returned, with one more on each axis. ends, column : as for `decide`, and the state's column in
-        them. spacing (ndim,) : of the nodes.
+    At most so many are returned, with one more on each axis.
+
+    ends, column : as for `decide`, and the state's column in them. spacing (ndim,) : of the nodes.
     """
     size = 1.0
     for axis in range(ends.shape[2]):
@@ -511,8 +515,10 @@ def working_room(columns, ndim, inputs, size, segments, held):
 def avoid_values(states, step, ints, floats, static, moving, out):
     """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step.
 
-    Beyond an end of the grid, that at the end. states (M, ndim) : finite. ints, floats : as `decide` has them in packs.
-        static, moving : as in `StoredTubes`. out (M, L) : overwritten.
+    Beyond an end of the grid, that at the end.
+
+    states (M, ndim) : finite. ints, floats : as `decide` has them in packs. static, moving : as in `StoredTubes`. out
+        (M, L) : overwritten.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
@@ -526,8 +532,10 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 def _interpolated(where, row, tubes, lattice, scratch, found):
     """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `corners` and `weighted`.
 
-    In loops that vectorise. row, found : (m,), of at most BLOCK points. lattice : the grid. scratch : arrays that are
-        overwritten, see `tube_values`.
+    In loops that vectorise.
+
+    row, found : (m,), of at most BLOCK points. lattice : the grid. scratch : arrays that are overwritten, see
+        `tube_values`.
     """
     (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size

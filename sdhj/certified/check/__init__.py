@@ -61,7 +61,6 @@ def verify(
 
     Parameters
     ----------
-
     path : path
         The file that `table.save` wrote.
     problem : ReachAvoidProblem, optional

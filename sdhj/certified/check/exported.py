@@ -153,8 +153,9 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
     """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
 
-    Only the first where the exported table has other cells or inputs. sets : a `Robot` or an `Arm`. silent : show no
-        progress bar.
+    Only the first where the exported table has other cells or inputs.
+
+    sets : a `Robot` or an `Arm`. silent : show no progress bar.
     """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)

@@ -88,8 +88,9 @@ def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> In
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
     """The hull of `of` at the ends of a and b, products or quotients, rounded outward but not across 0.
 
-    An end stays at 0 where the signs of a and b tell on which side of 0 the result is. of : `np.multiply` or
-        `np.divide`.
+    An end stays at 0 where the signs of a and b tell on which side of 0 the result is.
+
+    of : `np.multiply` or `np.divide`.
     """
     low, high = outward(*corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))

@@ -291,8 +291,10 @@ def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
     """out[m, j] &= whether input j is certified for the cell some[m], of (M, 4), with ahead[m] steps to go; in place.
 
     Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
-        from `step`. out (M, L) bool : the inputs that are asked about. sets, pool : as for `certified_inputs`. cells :
-        `Cells`. motion : an `ArmMotion`.
+    from `step`.
+
+    out : (M, L) bool, the inputs that are asked about. sets, pool : as for `certified_inputs`. cells : `Cells`.
+    motion : an `ArmMotion`.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)

@@ -163,8 +163,9 @@ def ahead(nx, ny, link, pose, body, turn):
 def separated(link, pose, body, turn):
     """Whether some direction proves that a link stays clear of a body; and their distance in the middle of the box, m.
 
-    The first direction tried is that from the link to the body there, which is then turned while that helps. link,
-        pose, turn : as for `farthest`. body : as `body_of` returns it.
+    The first direction tried is that from the link to the body there, which is then turned while that helps.
+
+    link, pose, turn : as for `farthest`. body : as `body_of` returns it.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
     s = ((body[0] - ax) * fx + (body[1] - ay) * fy) / (fx * fx + fy * fy)
