@@ -27,8 +27,8 @@ class Cells(NamedTuple):
     lower, width, length : where the first cell begins, how wide a cell is, and how long all cells are together, in the
         axis's unit.
     counts, periodic : how many cells an axis has, and whether it is periodic.
-    layers : (2, ndim) int64, 1 where the first, or the last, cell is a layer, which lies outside the axis and stands for
-        the wall at its end.
+    layers : (2, ndim) int64, 1 where the first, or the last, cell is a layer, which lies outside the axis and stands
+        for the wall at its end.
     told : if True, a point is in a layer only if it lies behind the wall by half a shell, which says that the state is
         known to be at the wall; if False, a state at the wall is.
     """

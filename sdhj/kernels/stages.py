@@ -376,7 +376,8 @@ def stage(phi, out, obstacle, velocities, order, flux, layout, step):
         (box,): the lower velocities of all axes, then the upper ones, divided by dx.
         (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx of all
         axes.
-        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
+        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes),
+        by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
         Any of them has one plane instead of all where it does not depend on the state. All but `inverse` have a leading
         axis for the inputs.
     order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.

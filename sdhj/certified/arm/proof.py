@@ -61,7 +61,8 @@ class ArmProof(Proof):
         """The proof of an arm's problem, with all that depends on no set.
 
         parts : into which an interval is cut under the fastest input; under slower ones into fewer.
-        allowed : (steps, L, n1, n2) bool, from where the arm is clear of the known obstacles; None: computed (`clear_of_obstacles`).
+        allowed : (steps, L, n1, n2) bool, from where the arm is clear of the known obstacles; None:
+            computed (`clear_of_obstacles`).
 
         ValueError for arms, speeds or numbers of steps that are too large, MemoryError where it does not fit into
         memory.
