@@ -172,7 +172,7 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
 
 
-def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
+def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
     """The words of cells (M, ndim) at a step, with the given fields, as bytes of the file: (M, bytes) uint8.
 
     The cells come in lines along `table.proof.along` (`InLines.cells`). A cell that is not certified has `NO_INPUT` and
@@ -307,7 +307,7 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
         """The words, as bytes of the file, of the cells of one piece of `InLines.work`."""
         step, at = one
-        return records(table, pieces.cells(at), step, fields, rule)
+        return words_in_file(table, pieces.cells(at), step, fields, rule)
 
     with (
         tqdm(total=len(pieces.work), desc="words", disable=hidden(progress)) as bar,

@@ -3,7 +3,7 @@
 Nothing of the solver is used, neither its code nor its bounds: only the numbers in the file. What is proved, and how:
 
 1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`uncovered`)
-2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`counted`)
+2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`cells_added`)
 3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. The cells
     of an axis that the image of a cell may overlap are worked out in fractions, walls included (`overlapped`), and the
     whole product of the four lists has to be in the set. Along the agent's axes that product stays in one block of the

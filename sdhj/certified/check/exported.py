@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check.arm.claims import Arm, erode_all, overlapped, shared
+from sdhj.certified.check.arm.claims import Arm, erode_all, in_threads, overlapped
 from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
@@ -358,7 +358,7 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
     counts, failed = np.zeros((2, rows, 4), np.int64)
     with tqdm(total=rows, desc="exported", unit="row", disable=silent) as bar:
         numbers = np.arange(rows)
-        for done in shared(
+        for done in in_threads(
             rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, counts[at], failed[at])
         ):
             bar.update(done)

@@ -207,7 +207,7 @@ class Arm(Sets):
         yield Claim(COVER, 4, 4, wrong := self.cover())
         if wrong:  # nothing else in the file means what it says
             return
-        world, (counts, grow) = self.scene.world(self.edges), counted(self)
+        world, (counts, grow) = self.scene.world(self.edges), cells_added(self)
         yield grow
         rows = np.random.default_rng(seed).permutation(self.index.shape[1])[:samples]
         failed, example = self.checked(rows, world, silent)
@@ -240,7 +240,7 @@ class Arm(Sets):
         stored = Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
         failed, example = np.zeros((2, len(rows), self.steps + 2), np.int64)
         with tqdm(total=len(rows), desc="verify", unit="row", disable=silent) as bar:
-            for done in shared(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
+            for done in in_threads(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
                 bar.update(done)
         return failed, example
 
@@ -280,7 +280,7 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     return out
 
 
-def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
+def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
     """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yield how many rows each slice had.
 
     As slices are done, in order; what `work` raises is raised here.
@@ -293,10 +293,10 @@ def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """`erode` for every block of a pool, in threads, with its arguments; the results are written to `out`."""
-    sum(shared(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
+    sum(in_threads(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 
-def counted(arm: Any) -> tuple[Array, Claim]:
+def cells_added(arm: Any) -> tuple[Array, Claim]:
     """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
 
     (rows, steps + 1, 2) int64, over all starts: all cells that sets within 0, 1, ... steps add, and those at the
