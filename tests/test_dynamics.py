@@ -275,7 +275,7 @@ def test_velocities_that_are_no_formula_or_come_twice_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("change", "constant", "stateless", "timed", "alike"),
+    ("change", "constant", "stateless", "timed", "shared_gain"),
     [
         ({}, True, True, False, True),
         ({"drift": lambda q, u: [u[0], 0.0]}, True, True, False, True),
@@ -305,12 +305,12 @@ def test_velocities_that_are_no_formula_or_come_twice_are_refused():
         ({"drift": BlackBox(lambda q, u, t: q, rate=0.0)}, False, False, False, True),
     ],
 )
-def test_what_velocities_depend_on(change, constant, stateless, timed, alike):
+def test_what_velocities_depend_on(change, constant, stateless, timed, shared_gain):
     dynamics = Dynamics(
         **{"inputs": [[1.0]], "drift": [[1.0, 0.0]], "gain": [[1.0], [0.0]], "bounds": [0.1]} | change
     ).read(2)
-    found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.alike
-    assert found == (constant, stateless, timed, alike) and dynamics.adversaries == 1
+    found = dynamics.constant, dynamics.stateless, dynamics.timed, dynamics.shared_gain
+    assert found == (constant, stateless, timed, shared_gain) and dynamics.adversaries == 1
 
 
 def test_an_interval_is_made_once_and_for_all_steps_where_nothing_depends_on_time():

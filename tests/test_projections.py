@@ -597,6 +597,16 @@ def test_a_set_that_fills_every_subspace_is_told_from_another_of_its_name(names,
     assert list(free) == told and free[told[0]] == 0.0 < free[told[1]] < 1.0
 
 
+def test_what_is_written_before_the_recursion_moves_up_with_tubes_that_are_shared():
+    """The target is gone after half a second, so that rows share their tubes, and those behind them move up."""
+    target = TargetSet((0,), lambda p, t: np.abs(p[:, 0] - 1.0) - 0.5 + 5.0 * np.minimum(t, 1.0))
+    problem = replace(chase_problem(moving=True, steps=8, nodes=9), target=target)
+    table = sdhj.solve(problem, Projected(), play=False)
+    assert table.details["tubes_shared"] > 0
+    for step in range(9):
+        np.testing.assert_array_equal(table.value_array(step, 0), problem.goal(step).astype(np.float32))
+
+
 def test_the_evading_target_is_lost_in_projection_and_the_table_says_why():
     problem = sdhj.evader_case_study(nodes=11, steps=2)
     with pytest.warns(ProjectionWarning, match="the target depends on p[xy]"):

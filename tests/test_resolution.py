@@ -12,7 +12,7 @@ import sdhj
 from sdhj import Controller, Dynamics, Grid, ReachAvoidProblem, TargetSet, UnsafeSet
 from sdhj.problem.findings import ResolutionWarning
 from sdhj.problem.nodes import least_in_cells
-from sdhj.solver.resolution import check_resolution, too_thin
+from sdhj.solver.resolution import check_resolution, check_sets, too_thin
 
 MOVES = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [0.0, 0.0]])
 
@@ -289,6 +289,22 @@ def test_of_a_formula_that_several_problems_share_each_has_its_samples_and_its_w
     thin = replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0)
     half[0] = 0.5
     assert (replace(room(), unsafe=(changing,)).unsafe_at(changing, 0.0) <= 0).sum() > (thin <= 0).sum()
+
+
+def test_what_hides_in_a_formula_is_searched_for_once(monkeypatch):
+    searched = []
+
+    def _hidden(problem, *given):
+        searched.append(problem)
+        return hidden(problem, *given)
+
+    hidden = sdhj.solver.resolution._hidden
+    monkeypatch.setattr(sdhj.solver.resolution, "_hidden", _hidden)
+    wall = room().unsafe[0]
+    for problem in (replace(room(), unsafe=(wall,)), replace(room(), unsafe=(wall,))):
+        with pytest.warns(ResolutionWarning, match="plan"):
+            check_sets(problem)
+    assert len(searched) == 1
 
 
 @pytest.mark.parametrize("low", [0.0, -np.pi])

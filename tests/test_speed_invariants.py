@@ -308,12 +308,12 @@ def test_too_large_a_grid_is_refused_with_what_its_whole_solve_takes(monkeypatch
         Grid([-1] * 4, [1] * 4, [1000] * 4).points()
 
 
-def test_pieces_in_turn_are_the_pieces():
+def test_pieces_at_random_are_the_pieces():
     grid = Grid([0.0] * 3, [1.0] * 3, (7, 100, 301), (True, False, False))
-    points = np.concatenate([piece.points() for piece in grid.pieces_in_turn(100, 1, np.random.default_rng(3))])
+    points = np.concatenate([piece.points() for piece in grid.pieces_at_random(100, 1, np.random.default_rng(3))])
     np.testing.assert_array_equal(np.unique(points, axis=0), np.unique(grid.points(), axis=0))
     assert len(points) == grid.size
-    assert len([*grid.pieces_in_turn(3, 2, np.random.default_rng(3))]) == 2
+    assert len([*grid.pieces_at_random(3, 2, np.random.default_rng(3))]) == 2
 
 
 def test_a_solve_that_does_not_fit_is_refused(monkeypatch):

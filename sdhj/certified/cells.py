@@ -26,7 +26,7 @@ import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -297,7 +297,15 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """The least and the greatest velocity along one axis under input j, exactly; only for an axis that `is_steady`."""
+    """The least and the greatest velocity along one axis under input j, exactly; only for an axis that `is_steady`.
+
+    Computed once for each axis and input, and remembered by the problem.
+    """
+    return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
+
+
+def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
+    """`velocity_bounds`, computed anew."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]

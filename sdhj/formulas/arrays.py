@@ -23,7 +23,7 @@ from sdhj.formulas import narrowing
 from sdhj.formulas.graph import Node, constant, make, power
 from sdhj.formulas.narrowing import ZERO
 from sdhj.formulas.rules import RULES
-from sdhj.formulas.zeros import ZERO_OF_ANY_SIGN, is_negative
+from sdhj.formulas.zeros import ZERO_OF_ANY_SIGN, is_negative_zero
 
 MOST_NODES = 200_000  # entries that one function may compute
 HERE = f"{Path(__file__).parent.parent}{os.sep}"  # the package: what is wrong stands in the frames of its users
@@ -33,13 +33,14 @@ SILENT = np.errstate(all="ignore")  # NumPy looks at the processor's flags, whic
 
 
 class _State(threading.local):
-    """The trace that is under way in this thread, each thread having its own: its number, what it has refused,
-    and how many entries it has computed.
+    """The trace under way in this thread, which `tracing._traced_answer` sets and restores; each thread has its own.
+
+    A trace is one call of a user's function with traced arrays.
     """
 
-    trace: int | None = None  # its number: arrays of another trace do not belong in it
-    refused: list[tuple[str, str]]  # what, and where
-    made = 0  # entries that have been computed
+    trace: int | None = None  # the trace's number, None outside of a trace; arrays of another trace are refused
+    refused: list[tuple[str, str]]  # each refusal in the trace: its message, and the user's file and line
+    made = 0  # how many entries the trace has computed; at most `MOST_NODES`
 
 
 state = _State()
@@ -61,8 +62,9 @@ class NotTraced(ValueError):
     """
 
     def __init__(self, what: str, instead: str = "") -> None:
-        """Make the message "what; instead", and note it, with its place in the user's code, among what the trace
-        has refused.
+        """Make the message "what; instead"; if a trace is under way, append it and the user's line to `state.refused`.
+
+        what : what was found that cannot be read. instead : how to write it; "" for no advice.
         """
         super().__init__(f"{what}; {instead}" if instead else what)
         if state.trace is not None:
@@ -71,13 +73,18 @@ class NotTraced(ValueError):
 
 @functools.cache
 def installed(file: str) -> bool:
-    """Whether a file belongs to Python or an installed package, of this environment or of another on the path."""
+    """Whether a file belongs to Python or to an installed package, of this environment or another one.
+
+    Kept for each path.
+    """
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
 
 def _users_line() -> str:
-    """File and line, in words, of the innermost frame at work that is neither this package's nor installed: the
-    user's.
+    """The words "file NAME, line N" for the innermost frame of the running code that belongs to the user.
+
+    Frames of this package, and of installed ones, do not belong to the user; where there are no others, the innermost
+    one counts.
     """
     frames = [one for one in traceback.extract_stack() if not one.filename.startswith((HERE, "<__array_function__"))]
     ours = [one for one in frames if not installed(one.filename)]
@@ -86,13 +93,14 @@ def _users_line() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A method whose errors become `NotTraced`, which notes them: a user's function that catches them is refused
-    too.
+    """Wrap a method so that its errors become `NotTraced`, which is noted among the trace's refusals when it is made.
+
+    So a user's function that catches the error is refused all the same.
     """
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
-        """The method; its errors become `NotTraced`, with what NumPy said."""
+        """Call the method; an exception other than `NotTraced` is raised as one, with its type and text."""
         try:
             return method(*args, **options)
         except NotTraced:
@@ -132,15 +140,13 @@ DEFAULTS = {"out": None, "initial": None, "dtype": None, "where": True}  # optio
 
 
 def _unknown(name: str, options: dict[str, Any], module: str = "numpy") -> NotTraced:
-    """A `NotTraced` to be raised for a function `module.name` that formulas do not know with these options, with
-    what to write instead (`ADVICE`).
-    """
+    """Make, not raise, a `NotTraced` for the function `module.name` with these options, with advice from `ADVICE`."""
     given = f" with {', '.join(sorted(options))}" if options else ""
     return NotTraced(f"{module}.{name}{given}", ADVICE.get(name.partition(".")[0], ""))
 
 
 def _refused(what: str, instead: str) -> Any:
-    """Make a method that raises `NotTraced` with what was done and what to write instead, whatever it is given."""
+    """Make a method that raises `NotTraced(what, instead)`, whatever its arguments are."""
 
     def refuse(*_: Any, **__: Any) -> Any:
         """Raise `NotTraced(what, instead)`."""
@@ -150,25 +156,39 @@ def _refused(what: str, instead: str) -> Any:
 
 
 class Traced(NDArrayOperatorsMixin):
-    """An array of nodes that behaves as NumPy's array of the values would, or refuses: operations on it make nodes, and
-    what depends on values, as a decision does, raises NotTraced.
+    """An array of nodes that stands for NumPy's array of the values while a function is traced.
 
-    Its `entries` are an object array of Node, read-only where NumPy has an argument, or a number that is no array; its
-    `dtype` is what NumPy's array has, one of float64, int64 and bool.
+    NumPy's functions and operators give traced arrays of new nodes; isinstance(traced, np.ndarray) is true. What
+    depends on values, as a decision does, or has no rule, raises NotTraced. An array belongs to the trace in which it
+    was made; in another one it is refused.
+
+    Attributes
+    ----------
+    entries : object array of Node
+        Written in place by traced[...] = value; read-only for an argument of the function, and for a number that is no
+        array. Slices are views, as NumPy's are.
+    dtype : numpy.dtype
+        The type that NumPy's array has: float64, int64 or bool.
+    trace : int or None
+        The number of the trace in which it was made; None outside of a trace.
     """
 
     __array_priority__ = 2000
 
     def __init__(self, entries: Any, dtype: Any = FLOAT) -> None:
-        """An array of these nodes; NotTraced for a type other than float64, int64 and bool."""
+        """An array with these entries, which are not copied, and NumPy's type for them.
+
+        NotTraced unless the type is float64, int64 or bool. The array belongs to the trace that is under way in this
+        thread.
+        """
         if dtype not in (FLOAT, WHOLE, TRUTH):
             raise NotTraced(f"numbers of type {dtype}", "formulas compute with float64: write .astype(float)")
         self.entries, self.dtype, self.trace = entries, np.dtype(dtype), state.trace
 
     @property  # type: ignore[misc]
     def __class__(self) -> Any:  # isinstance(points, np.ndarray) is true
-        """NumPy's type that it stands for, an array or, for a number, a scalar, so that `isinstance` answers as
-        for that.
+        """The class that `isinstance` sees: np.ndarray, or NumPy's scalar type for read-only entries without
+        dimensions.
         """
         numbers = {FLOAT: np.float64, WHOLE: np.int64, TRUTH: np.bool_}
         return np.ndarray if self.entries.ndim or self.entries.flags.writeable else numbers[self.dtype]
@@ -204,15 +224,20 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __getitem__(self, at: Any) -> "Traced":
-        """The entries at an index, as NumPy has them; NotTraced where values, traced ones, decide which."""
+        """The entries at an index, a view or a copy as NumPy's.
+
+        NotTraced where the index is traced, or has a traced part.
+        """
         if holds_traced(at):
             raise NotTraced("an index or a mask that depends on values", MASK)
         return _wrapped(entries_of(self)[at], self.dtype)
 
     @noted
     def __setitem__(self, at: Any, value: Any) -> None:
-        """Write entries in place, under a mask as a choice between old and new; NotTraced for an argument of the
-        function, and where values decide otherwise.
+        """Write values in place at an index, converted to this array's type.
+
+        A traced mask of the array's shape writes the choice between a single value and the old entry, at every entry.
+        NotTraced for an argument of the function, another traced index, or an array of values under a mask.
         """
         if not self.entries.flags.writeable:
             raise NotTraced("writing into an argument", "write into a copy, for example points = points.copy()")
@@ -227,8 +252,10 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """A ufunc of NumPy, called or reduced, as nodes: entry by entry, written into `out` if given; NotTraced
-        if it has no rule.
+        """A NumPy ufunc called, reduced (`REDUCED`) or as .outer, made of nodes entry by entry, broadcast.
+
+        out : a traced array that the answer is written into, in place. NotTraced where the ufunc has no rule for these
+        types, for any other method of ufuncs, and for options that are not `DEFAULTS`.
         """
         options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
@@ -250,7 +277,11 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
-        """Any other NumPy function, by `FUNCTIONS` or as one that moves entries; NotTraced if it is neither."""
+        """Any other NumPy function: by its substitute in `FUNCTIONS`, or, if it only moves entries (`PLACED`), on the
+        entries.
+
+        NotTraced for all others, and where a substitute does not take these arguments.
+        """
         if function in FUNCTIONS:
             try:
                 return FUNCTIONS[function](*args, **(options := _without_defaults(options)))
@@ -266,25 +297,30 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def astype(self, dtype: Any, *, copy: bool = True) -> "Traced":
-        """The array as another type; a copy, or itself where `copy` is False and it is of it. NotTraced for a
-        float as a whole number, and for other types.
+        """A copy as another type; the array itself where `copy` is false and it has the type already.
+
+        NotTraced for a float as a whole number, and for types other than float64, int64 and bool.
         """
         if not copy and np.dtype(dtype) == self.dtype:
             return self
         return written_as(self, np.dtype(dtype)).copy("K")
 
     def copy(self, order: Any = "C") -> "Traced":
-        """A copy with entries of its own, in that memory order, that can be written."""
+        """A writable copy of the array in memory order `order`, NumPy's "C", "F", "A" or "K"."""
         return Traced(entries_of(self).copy(order), self.dtype)
 
     def __deepcopy__(self, _: Any = None) -> "Traced":
-        """A copy of the array; nodes are never written."""
+        """A writable copy of the array in its own memory order; its nodes, which are immutable, are shared."""
         return self.copy("K")
 
     __copy__ = __deepcopy__
 
     def __getattr__(self, name: str) -> Any:
-        """A method of NumPy's arrays, by the function of that name; NotTraced for others, with advice."""
+        """A method of NumPy's arrays that this class does not define, by NumPy's function of that name.
+
+        NotTraced, with advice, for methods and attributes that have no rule; AttributeError for names that begin with
+        two underscores.
+        """
         if name in ("sum", "prod", "cumsum", "mean", "var", "std", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
@@ -297,26 +333,29 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """What a method `name` of NumPy's arrays returns that moves entries and computes nothing."""
+        """What the method `name` of NumPy's arrays returns, one that moves entries and computes nothing, as a traced
+        array.
+        """
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
 def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
-    """The options that matter: without those that are not given or are `DEFAULTS`."""
+    """The options of a call that say something: without those that are not given, or are given as in `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
 
 def holds_traced(value: Any) -> bool:
-    """Whether a value is a traced array, or a list or tuple has one in it."""
+    """Whether a value is a traced array, or a list or tuple with one in it at any depth."""
     if isinstance(value, list | tuple):
         return any(map(holds_traced, value))
     return isinstance(value, Traced)
 
 
 def _with_entries(value: Any) -> Any:
-    """An argument of a function that moves entries: a traced array as its object array of nodes, in lists too;
-    others unchanged.
+    """An argument for a NumPy function that moves entries: traced arrays, in lists too, as object arrays of nodes.
+
+    Anything else is returned unchanged.
     """
     if isinstance(value, list | tuple):
         return type(value)(map(_with_entries, value)) if holds_traced(value) else value
@@ -324,8 +363,10 @@ def _with_entries(value: Any) -> Any:
 
 
 def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
-    """The answer of a NumPy function, an object array of nodes or numbers, a single one, or lists of such, as
-    traced arrays of this dtype.
+    """The answer of a NumPy function that was given object arrays, as traced arrays of this dtype.
+
+    answer : an array, which is not copied if it has nodes alone; a single node or number, which becomes a read-only
+    number; or a list or tuple of these.
     """
     if isinstance(answer, list | tuple):
         return type(answer)(_wrapped(one, dtype) for one in answer)
@@ -336,28 +377,31 @@ def _wrapped(answer: Any, dtype: Any = FLOAT) -> Any:
 
 
 def _sealed_number(array: Traced) -> Traced:
-    """A traced array itself; if it has no dimensions it is made read-only, in place, as NumPy then returns numbers."""
+    """The same traced array; one without dimensions is made read-only in place, as NumPy returns numbers there."""
     if not array.ndim:
         array.entries.setflags(write=False)
     return array
 
 
 def _nodes_of(array: Any) -> Any:
-    """An array of numbers and nodes as an object array of nodes, of its shape; while tracing, a zero that is -0.0
-    as `ZERO_OF_ANY_SIGN`.
+    """A new object array of nodes, of the shape of an array of numbers and nodes.
+
+    While a function is traced, -0.0 becomes `ZERO_OF_ANY_SIGN`; otherwise it becomes 0.
     """
     out = np.empty_like(array, dtype=object, subok=False)
     values = array.ravel().tolist()
     known = state.trace is not None
     out.flat[:] = [
-        v if isinstance(v, Node) else ZERO_OF_ANY_SIGN if known and is_negative(v) else constant(v) for v in values
+        v if isinstance(v, Node) else ZERO_OF_ANY_SIGN if known and is_negative_zero(v) else constant(v) for v in values
     ]
     return out
 
 
 def traced_array(value: Any) -> Traced:
-    """A value as a traced array: a traced or plain array, a number, or a list of them. NotTraced for what is left
-    from another trace, and for what is no real numbers.
+    """A value as a traced array: a traced array itself, else an array, a number or a list of such, by their dtype.
+
+    NotTraced for an array of another trace, for what are no real numbers, for whole numbers above 2^53, and for lists
+    of different lengths.
     """
     if isinstance(value, Traced):
         if value.trace != state.trace:
@@ -379,7 +423,10 @@ def traced_array(value: Any) -> Traced:
 
 
 def stacked(values: Any) -> Traced:
-    """A list of values of one shape as one traced array; `NotTraced` if shapes differ."""
+    """A list of values of one shape, traced or not, as one traced array with a new first axis.
+
+    NotTraced if shapes differ.
+    """
     arrays = list(map(traced_array, values))
     if len({one.shape for one in arrays}) > 1:
         raise NotTraced("a list of arrays of different shapes", SHAPES)
@@ -387,13 +434,18 @@ def stacked(values: Any) -> Traced:
 
 
 def entries_of(value: Any) -> Any:
-    """The entries, an object array of nodes, of a value as `traced_array` takes it."""
+    """The object array of nodes of a value; that of a traced array is not copied.
+
+    NotTraced for what `traced_array` refuses.
+    """
     return traced_array(value).entries
 
 
 def weak_type(value: Any) -> Any:
-    """What stands for an operand in NumPy's type promotion: its dtype; for a Python int or float, or a traced
-    float of no dimensions, a number, which takes the type of others.
+    """What np.result_type must be given for an operand, so that types are promoted as in the untraced call.
+
+    A dtype; or a Python number, which takes the type of the others, for a Python int or float, and for a traced float
+    without dimensions, as the time is.
     """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
@@ -403,7 +455,7 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype of the answer that NumPy's ufunc gives for such inputs."""
+    """The dtype that NumPy's ufunc gives its answer for such inputs, traced or not."""
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
@@ -411,8 +463,10 @@ def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
 
 
 def written_as(array: Traced, dtype: Any) -> Traced:
-    """An array as it is when written into one of some dtype; NotTraced for a float as a whole number, and for
-    other types.
+    """A traced array converted to a dtype, as NumPy does when it writes into an array of that dtype.
+
+    Entries are shared where they need no change. Truth values become numbers; numbers become whether they are not 0.
+    NotTraced for a float as a whole number, and for other types.
     """
     if array.dtype == dtype or (array.dtype, dtype) in ((TRUTH, WHOLE), (TRUTH, FLOAT), (WHOLE, FLOAT)):
         return Traced(array.entries, dtype)
@@ -423,8 +477,10 @@ def written_as(array: Traced, dtype: Any) -> Traced:
 
 
 def _written_into(answer: Traced, out: Any) -> Traced:
-    """Write an answer into `out` in place, as by `out=` and +=, and return it; the answer itself for a number of
-    no dimensions. NotTraced for a plain array or another kind of numbers.
+    """Write an answer into the traced array `out` in place, as out= and += do, and return `out`.
+
+    If `out` is a read-only number, the answer itself is returned. NotTraced if `out` is a plain array, or its type does
+    not hold the answer's.
     """
     if not isinstance(out, Traced):
         raise NotTraced("writing a result into a plain array", "let the function return a new one")
@@ -441,8 +497,9 @@ def _written_into(answer: Traced, out: Any) -> Traced:
 
 @SILENT
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
-    """A function of nodes for each entry of object arrays, broadcast: an object array, laid out as a ufunc's
-    answer. NotTraced after `MOST_NODES` entries in one trace.
+    """A function of nodes applied entry by entry to object arrays, broadcast: a new object array.
+
+    Entries are counted in `state.made`; NotTraced once one trace has more than `MOST_NODES`.
     """
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
@@ -452,8 +509,10 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """The answer of a ufunc for these operands, with `ZERO_OF_ANY_SIGN` in place of zeros while a function is
-    traced, unless they are surely not negative.
+    """The answer of a ufunc, where constants that are 0 become `ZERO_OF_ANY_SIGN` if NumPy's zero might be -0.0.
+
+    The answer itself outside of a trace, for other types than float64, if the ufunc gives no -0.0 (`UNSIGNED`), and if
+    it chooses one of its operands and none of these has such a zero (`CHOSEN`).
     """
     doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
     if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
@@ -466,14 +525,16 @@ def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Tr
 
 
 def _truths(array: Any) -> Any:
-    """Whether entries are not zero, an object array of truth nodes, as NumPy takes numbers for conditions."""
+    """An object array of truth nodes that say of each entry whether it is not zero; truth values stay as they are."""
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """A ufunc of traced arrays, entry by entry, with an answer of `dtype`; NotTraced where it has no rule for
-    these types.
+    """The answer of a ufunc of traced arrays, entry by entry, of this dtype.
+
+    NotTraced where it has no rule for their types. One truth value without dimensions is refused in `COUNTING`, since
+    Python, which has it as a number, computes something else.
     """
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
@@ -498,15 +559,16 @@ def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
 
 
 def _read_as(truths: bool) -> dict[Any, Callable[..., Node]]:
-    """By NumPy's ufunc, the function that makes the node of its operation: of those of truth values (`truths`),
-    or of the others.
+    """{NumPy's ufunc: the function that makes its node}, from the records in `RULES`.
+
+    truths : True for the operations whose operands are truth values, False for all others.
     """
     rules = [rule for rule in RULES.values() if bool(rule.truths) == truths]
     return {getattr(np, name): functools.partial(make, rule.name) for rule in rules for name in rule.ufuncs.split()}
 
 
 def _ufuncs_with_zeros(zeros: str) -> set[Any]:
-    """NumPy's ufuncs in whose `Rule.zeros` this word is."""
+    """The set of NumPy's ufuncs whose record has this word in `Rule.zeros`: "kept", "positive" or "chosen"."""
     return {getattr(np, name) for rule in RULES.values() if zeros in rule.zeros for name in rule.ufuncs.split()}
 
 
@@ -517,7 +579,10 @@ EXACT = {getattr(np, rule.ufuncs.split()[0]) for rule in RULES.values() if rule.
 
 
 def _rint(a: Any) -> Any:
-    """The nearest whole number, the even one of two; a node between floor and ceil, which says so to intervals."""
+    """The nearest whole number, the even one of two that are equally near, clipped to [floor(a), ceil(a)].
+
+    The clipping changes no value; it keeps the intervals of the result narrow.
+    """
     whole = np.floor(a)
     part = a - whole
     nearest = np.where(part < 0.5, whole, np.where(part > 0.5, whole + 1.0, whole + np.remainder(whole, 2.0)))
@@ -558,13 +623,16 @@ REDUCED = (np.add, np.multiply, np.minimum, np.maximum, np.fmin, np.fmax, np.log
 
 
 def _counted(array: Traced) -> Traced:
-    """Truth values as whole numbers, as NumPy sums them; other arrays unchanged."""
+    """Truth values as int64, as NumPy does before it sums them; another array itself."""
     return array.astype(np.int64) if array.dtype == TRUTH else array
 
 
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
-    """A sum or another reduction of a ufunc along `axis`, one or several, or, for None, all; NumPy's options."""
+    """The reduction of an array by a ufunc of `REDUCED` over `axis`: one axis, several, or, for None, all.
+
+    keepdims : as NumPy's. Truth values are counted in sums and products; numbers become truth values in logical ones.
+    """
     array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
         array = array.astype(bool)
@@ -580,19 +648,20 @@ def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -
 
 
 def _reducing(ufunc: Any) -> Callable[..., Traced]:
-    """A function (a, axis, keepdims) that reduces by a ufunc, as np.sum is one."""
+    """Make a function (a, axis=None, *, keepdims=False) that reduces by a ufunc of `REDUCED`, as np.sum by np.add."""
     return lambda a, axis=None, *, keepdims=False: _reduced(ufunc, a, axis, keepdims)
 
 
 def _mean(a: Any, axis: Any = None, *, keepdims: bool = False) -> Traced:
-    """sum(a) / n over axes, one, several or all; NumPy's options."""
+    """numpy.mean: sum(a) / n over one axis, several, or, for None, all."""
     total = _reduced(np.add, a, axis, keepdims)
     return total / (np.float64(traced_array(a).size) / total.size)
 
 
 def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    """numpy.linalg.norm of vectors x, along one axis or of all entries: the 1-, 2- and maximum norm (`ord`);
-    `NotTraced` for others.
+    """numpy.linalg.norm of vectors x along one axis, or of all entries: sum |x|, sqrt(sum x^2) or max |x|.
+
+    ord : 1, None or 2, or np.inf, in this order. NotTraced for other orders and for norms of matrices.
     """
     array = traced_array(x)
     vector = (axis is not None and not isinstance(axis, tuple)) or (axis is None and (array.ndim == 1 or ord is None))
@@ -605,7 +674,10 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
-    """numpy.where with two branches; `NotTraced` for a condition alone."""
+    """numpy.where(condition, one, other); numbers as a condition are true where they are not 0.
+
+    NotTraced without branches.
+    """
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
     entries = mapped(narrowing.where, _truths(condition), *map(entries_of, branches))
@@ -613,7 +685,7 @@ def _where(condition: Any, *branches: Any) -> Traced:
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
-    """min(max(a, least), most), either bound left out where it is None."""
+    """numpy.clip: min(max(a, least), most); a bound that is None is left out. NotTraced if both are."""
     least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
     if least is None and most is None:
         raise NotTraced("numpy.clip without bounds")
@@ -622,8 +694,9 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 
 
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
-    """numpy.select: the choice of the first condition that holds, else the default; NotTraced for conditions that
-    are numbers.
+    """numpy.select: the choice that belongs to the first true condition, else the default, entry by entry.
+
+    NotTraced for conditions that are numbers.
     """
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
@@ -633,8 +706,9 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """rint(a 10^decimals) / 10^decimals, as NumPy rounds; NotTraced for whole numbers, and for decimals that are
-    traced.
+    """numpy.round: rint(a 10^decimals) / 10^decimals.
+
+    NotTraced for whole numbers and truth values, and for traced decimals.
     """
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
@@ -643,8 +717,10 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of ascending constants xp, fp: linear between, constant beyond its ends; NotTraced
-    for others.
+    """numpy.interp of a table of constants: linear between its ascending points xp, and its end's value of fp beyond
+    them.
+
+    NotTraced for a table that is traced or does not ascend.
     """
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
@@ -657,7 +733,10 @@ def _interp(x: Any, xp: Any, fp: Any) -> Any:
 
 
 def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
-    """A traced array of the shape of `a`, filled with a value; dtype: by default that of `a`."""
+    """numpy.full_like of a traced array `a`: a new traced array of its shape and memory order, filled with a value.
+
+    dtype : by default that of `a`. NotTraced where the value cannot be converted to it.
+    """
     room, fill = np.empty_like(entries_of(a)), traced_array(fill_value)
     fill = written_as(fill, np.dtype(dtype or traced_array(a).dtype))
     room[...] = fill.entries if fill.ndim else fill.entries[()]
@@ -666,8 +745,9 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
 
 @SILENT
 def _summed(function: Any, *args: Any) -> Any:
-    """What a NumPy function of products and sums returns for traced arrays, as np.dot or np.diff; strings, as
-    einsum has, are passed on. NotTraced for truth values.
+    """The traced answer of a NumPy function that only multiplies, adds and subtracts, as np.dot, np.diff or np.einsum.
+
+    args : arrays, or strings, which are passed on as they are. NotTraced where all arrays are truth values.
     """
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:

@@ -22,7 +22,12 @@ Found = dict[Node, Node]  # derivatives; ZERO of what is not read
 
 
 def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
-    """The derivatives of some nodes (`outputs`) by a coordinate or parameter `by`, as nodes."""
+    """The derivatives of the nodes `outputs` by one coordinate or parameter, the leaf `by`, as nodes, in the same
+    order.
+
+    Their intervals over a box bound every slope in it, and are undefined where an output may jump or be infinitely
+    steep. Their values are the derivatives, except for tables (`_interpolated`).
+    """
     found: Found = {}
     for one in ordered(outputs):
         if one is by:
@@ -33,10 +38,10 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 
 
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
-    """For each output [rest, c_0, c_1, ...] with output = rest + sum c_d by_d; None where an output is not linear in
-    all of `by`, or that cannot be told.
+    """The parts of outputs that are linear in the leaves `by`: for each output [rest, c_0, c_1, ...].
 
-    The parts do not read `by`, coordinates or parameters.
+    output = rest + sum over d of c_d by_d, and no part reads `by`. None where an output is not linear in all of them
+    together, or this cannot be told.
     """
     slopes = [derivative(outputs, one) for one in by]
     rest = rebuilt(outputs, lambda one: ZERO if one in by else None)
@@ -47,7 +52,7 @@ def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | No
 
 
 def _derived(one: Node, found: Found) -> Node:
-    """The derivative of a node along a line, by the chain rule from those of its operands, which are in `found`."""
+    """The derivative of a node by the chain rule. found : the derivatives of all nodes below it; not written."""
     slopes = [found[arg] for arg in one.args]
     if one.op == "where":
         return _branches(one, slopes, found)
@@ -67,8 +72,10 @@ def _derived(one: Node, found: Found) -> Node:
 
 
 def _turning(one: Node, found: Found) -> Node:
-    """The derivative of an angle within a sine or cosine, where the jumps of `mod` by 2 pi and of `arctan2` do
-    not matter; found : of the nodes below it.
+    """The derivative of an angle that is only used within a sine or cosine, `one`.
+
+    There the jumps of `mod` by 2 pi and of `arctan2` do not matter, so they are left out. found : the derivatives of
+    all nodes below.
     """
     if found[one] is ZERO:
         return ZERO
@@ -83,8 +90,10 @@ def _turning(one: Node, found: Found) -> Node:
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
-    """A node whose interval bounds the derivative of a table's interpolant: sum over axes of +-(largest
-    difference between neighbours / spacing) times `slopes`, the derivatives of its coordinates.
+    """A node whose interval bounds the derivative of a table's interpolant: sum over axes k of EITHER s_k slopes[k].
+
+    EITHER has the interval [-1, 1], and s_k is the largest difference between neighbours along axis k over the spacing,
+    rounded up. Its value is no derivative. slopes : the derivatives of the table's coordinates.
     """
     terms = list[Node]()
     for axis, slope in enumerate(slopes):
@@ -94,9 +103,11 @@ def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
 
 
 def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
-    """The derivative of a node `where`: of the branch that is taken, `slopes` being those of condition and
-    branches, found : of all nodes below. Undefined where the condition may change, unless the branches meet
-    there.
+    """The derivative of a node `where`: that of the branch which is taken, undefined where the branch may change by a
+    jump.
+
+    Where the condition cannot change along the line, or the branches meet at each comparison in it (`_meet`), it does
+    not jump. slopes : the derivatives of the condition and both branches. found : those of all nodes below.
     """
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
@@ -109,15 +120,17 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
 
 
 def _compared(condition: Node) -> list[Node]:
-    """The comparisons that a condition consists of, joined by and, or, not; other truth values among them."""
+    """The truth values that "and", "or" and "not" join to a condition: comparisons, and any other truth values."""
     if not RULES[condition.op].truths:
         return [condition]
     return [each for arg in condition.args for each in _compared(arg)]
 
 
 def _meet(compared: Node, branches: Sequence[Node]) -> bool:
-    """Whether two branches become one node where one side of a comparison is put in place of the other: they meet
-    where both are equal. False for a condition that is no comparison.
+    """Whether two branches are equal where the two sides of a comparison are: one node, with one side put for the
+    other.
+
+    False where that is not plain, and for a condition that is no comparison.
     """
     if not RULES[compared.op].truth:
         return False

@@ -1,7 +1,9 @@
-"""Formulas and black boxes: what a problem knows of a function, by one protocol.
+"""Formulas and black boxes: what a problem knows of a user's function, by one protocol.
 
-Both are callable with points and parameters, and have `reads` (which coordinates, and whether the time), and `bounds`
-over boxes. Of a formula everything is derived from its graph; of a black box its author declares it.
+Both are called with points and parameters, and have `bounds`, `bounds_by_branch` and `least` over boxes and intervals
+of time, `least_of`, `clipped` and `timed` (whether they depend on the time). Both have `reads`, the coordinates that
+they depend on: an array of a formula, what its author gave of a black box. Of a formula all of this follows from its
+graph; of a black box its author declares it.
 """
 
 import reprlib
@@ -40,23 +42,30 @@ if getattr(config, "DISABLE_JIT", False):  # NumPy's numbers say where they divi
 
 @dataclass(frozen=True, eq=False)
 class Formula(Remembering):
-    """A function as an expression graph: it is called with points (M, coordinates) and parameters, bounded over
-    boxes (`bounds`), asked what it reads (`reads`, `timed`), and pickled as text.
+    """A function as an expression graph: formula(points (M, coordinates), *parameters) -> values (M, *shape).
+
+    It is immutable, and compared by identity; `meaning` compares contents. Made by `read`, `traced` or `restored`. What
+    follows from the graph (`tape`, `reads`, `rows`, ...) is computed once, at first use. It is pickled as lines of
+    text.
     """
 
-    outputs: tuple[Node, ...] = field(repr=False)  # its results, flattened
-    coordinates: int  # how many it is a function of
-    parameters: int = 1  # ... and further ones, of which the first is the time
+    outputs: tuple[Node, ...] = field(repr=False)  # the results for one point, flattened in C order
+    coordinates: int  # how many coordinates a point has
+    parameters: int = 1  # how many numbers follow the points; the first is the time, or the begin of an interval
     shape: tuple[int, ...] = ()  # of the results for one point
-    name: str = "formula"  # for messages
-    _source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # until a problem has compared the two
+    name: str = "formula"  # what the function is, for messages
+    _source: list[Callable[..., Any]] = field(default_factory=list, repr=False)  # [the function], or [] once forgotten
 
     @classmethod
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
-        """A level-set function `function(points (M, coordinates), *names)` read as a formula, or a black box or formula
-        checked; `name` is for messages.
+        """A level-set function as a `Formula`: function(points (M, coordinates), *names) -> (M,) is traced.
 
-        ValueError where it is no function of these, or cannot be read; the message says where, and what to do.
+        A Formula or BlackBox is not traced, but checked and returned under this name. name : what the function is, for
+        messages. names : those of its parameters after the points, as "t". The result keeps the function as its
+        `source`, to be compared with it.
+
+        ValueError where it is no function of these arguments, and NotTraced, a ValueError, where it cannot be read;
+        messages say at which line, and what to write.
         """
         if isinstance(function, BlackBox):
             return function.checked(name, names)
@@ -67,7 +76,7 @@ class Formula(Remembering):
         check_places(name, function, ("points",), names)
 
         def arguments(rows: int) -> list[Traced]:
-            """The arguments of a traced call: points (rows, coordinates), and the parameters."""
+            """The arguments of a traced call: points (rows, coordinates), and one traced number for each name."""
             return [points_of(coordinates, rows), *map(parameter, range(len(names)))]
 
         outputs, _ = traced(name, function, rows_for(coordinates), arguments, (), True)
@@ -75,36 +84,44 @@ class Formula(Remembering):
 
     @classmethod
     def traced(cls, name: str, function: Callable[..., Any], coordinates: int, parameters: int = 1) -> "Formula":
-        """The formula of a function that is known to treat points alike and to be made of NumPy's functions or
-        formulas: one traced call, without the checks of `read`.
+        """The formula of a function of this package, by one traced call without the checks of `read`.
+
+        The caller vouches that the function is made of NumPy's functions and formulas, and treats all points in the
+        same way; its answer for points (M, coordinates) has shape (M, ...).
         """
         found = function(points_of(coordinates, 1), *map(parameter, range(parameters)))
         return cls(tuple(found.entries.flat), coordinates, parameters, found.shape[1:], name)
 
     @property
     def source(self) -> Callable[..., Any] | None:
-        """The function that it was read from, until a problem has compared the two."""
+        """The user's function that it was read from.
+
+        None once it has been compared with the formula, or where there was none.
+        """
         return self._source[0] if self._source else None
 
     def forget_source(self) -> None:
-        """Forget the function that it was read from, which may hold a map."""
+        """Forget, in place, the function that it was read from, which may hold large arrays.
+
+        `source` is None from then on.
+        """
         self._source.clear()
 
     @kept
     def entries(self) -> Any:
-        """The results for one point as an object array of nodes, (*shape)."""
+        """The results for one point as an object array of nodes, (*shape), read-only; made once."""
         return np.array(self.outputs, dtype=object).reshape(self.shape)
 
     @cached_property
     def rows(self) -> "tuple[Formula, ...]":
-        """A formula for each entry of the first axis of the results, of shape[1:]."""
+        """A formula for each entry of the first axis of the results, each with results of shape[1:]; made once."""
         return tuple(replace(self, outputs=tuple(one.flat), shape=self.shape[1:]) for one in self.entries)
 
     def __call__(self, points: Any, *parameters: Any, finite: bool = True) -> Any:
-        """Values (M, *shape) at points (M, coordinates); within a function that is traced, traced values.
+        """Values (M, *shape) at points (M, coordinates), for parameters that are numbers.
 
-        ValueError where points or parameters do not fit, or a value is undefined or infinite; with finite=False what is
-        undefined is NaN.
+        Traced values where an argument is traced. ValueError where points or parameters do not fit, or a value is
+        undefined or infinite; with finite=False what is undefined is NaN, and nothing is checked of values.
         """
         traced = Traced in map(type, (points, *parameters))
         points = points if traced else np.ascontiguousarray(points, np.float64)
@@ -137,10 +154,10 @@ class Formula(Remembering):
         return np.ascontiguousarray(out.T).reshape(len(points), *self.shape)
 
     def bounds(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """Lower and upper bounds of the values over boxes from low to high, (M, coordinates) each, and intervals of the
-        parameters: both (M, *shape), by interval arithmetic, rounded outward.
+        """Lower and upper bounds, (M, *shape) each, of the values over M boxes, by interval arithmetic rounded outward.
 
-        -inf and inf where it may be undefined somewhere in the box.
+        low, high (M, coordinates) : corners of the boxes. parameters : an interval (begin, end) for each one. The
+        bounds are -inf and inf where the function may be undefined somewhere in the box.
         """
         out, ends = np.empty((2, len(self.outputs), len(low))), np.array(parameters, np.float64).reshape(-1, 2).T
         low, high, ends = (np.ascontiguousarray(one, dtype=np.float64) for one in (low, high, ends))
@@ -151,15 +168,17 @@ class Formula(Remembering):
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Lower bound of the one result at points (M, coordinates) over intervals of the parameters: (M,)."""
+        """Lower bounds (M,) of a formula with one result, at points (M, coordinates) over an interval of each
+        parameter.
+        """
         return self.bounds_by_branch(points, points, *parameters)[0]
 
     def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """`bounds` of one result, both (M,), but with what is before and after the jump of an angle bounded apart, if
-        at most `MOST_JUMPS` operations may jump.
+        """`bounds` of a formula with one result, (M,) each, with both sides of the jump of an angle bounded apart.
 
-        The values between, where a `mod` or an `arctan2` jumps, are none that it has, and would be phantoms of sets on
-        a circle, half a turn away from them.
+        What `bounds` has between the values on the two sides of a jump of `mod` or `arctan2` is no value of the
+        function; of a set on a circle it would be a phantom, half a turn away. Up to `MOST_JUMPS` such operations are
+        taken apart, in all combinations of sides; with more, the result is that of `bounds`.
         """
         found, (jumps, operands, rest) = np.array(self.bounds(low, high, *parameters)), self._jumps
         if not 0 < len(jumps) <= MOST_JUMPS:
@@ -181,7 +200,10 @@ class Formula(Remembering):
 
     @cached_property
     def least_of(self) -> "tuple[Formula, ...]":
-        """The formulas whose minimum the one result is; itself alone where it is no minimum."""
+        """The formulas, of one result each, whose minimum this one is, by its form; (self,) where it is no minimum.
+
+        Made once.
+        """
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:
             one = left.pop()
@@ -193,8 +215,10 @@ class Formula(Remembering):
 
     @cached_property
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
-        """The nodes that jump, `arctan2` and `mod` by a number above 0; a formula of a pair of operands of each
-        (y and x; laps and period); and the formula with the values of these nodes as further coordinates.
+        """What `bounds_by_branch` needs: (nodes that jump, formula of their operands, formula of the results).
+
+        Made once. The nodes are `arctan2`, and `mod` by a constant above 0. The first formula has two results for each
+        node: y and x, or a / b and b for mod(a, b). The second one has the nodes' values as further coordinates.
         """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
@@ -205,7 +229,7 @@ class Formula(Remembering):
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether each result reads each coordinate, (results, coordinates) bool, read-only."""
+        """Whether each result (flattened) reads each coordinate: (results, coordinates) bool, read-only; made once."""
         out = np.zeros((len(self.outputs), self.coordinates), np.bool_)
         for row, one in enumerate(self.outputs):
             out[row, list(leaves([one], "x"))] = True
@@ -213,47 +237,53 @@ class Formula(Remembering):
 
     @cached_property
     def timed(self) -> bool:
-        """Whether it reads parameter 0: the time, or the begin of an interval."""
+        """Whether a result reads parameter 0: the time, or the begin of an interval."""
         return 0 in leaves(self.outputs, "p")
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "Formula":
-        """The same function, but coordinates are clipped to [lower, upper] (coordinates,) first; infinite where
-        there is no end.
+        """The function of points whose coordinates are clipped to [lower, upper] first, as a new formula.
+
+        lower, upper (coordinates,) : -inf and inf where an axis has no end.
         """
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points (M, coordinates) clipped to [lower, upper]."""
+            """The values of the formula at points (M, coordinates) clipped to [lower, upper]."""
             return self(np.minimum(np.maximum(points, lower), upper), *given)
 
         return Formula.traced(self.name, function, self.coordinates, self.parameters)
 
     def restricted(self, axes: Sequence[int]) -> "Formula":
-        """The same function of some coordinates alone, numbered anew in the order of `axes`; it must read no
-        others. Made once.
+        """The function of points that have the coordinates `axes` alone, in this order.
+
+        Made once for each tuple of axes. The formula must read no other coordinates, which is not checked.
         """
         places = [axes.index(k) if k in axes else 0 for k in range(self.coordinates)]
 
         def function(points: Any, *given: Any) -> Any:
-            """The formula at points (M, len(axes)) of those axes alone."""
+            """The values of the formula at points (M, len(axes)) that have those coordinates alone."""
             return self(points[:, places], *given)
 
         return self.remembered(tuple(axes), lambda: Formula.traced(self.name, function, len(axes), self.parameters))
 
     @cached_property
     def meaning(self) -> tuple[Any, ...]:
-        """A hashable key of what it computes: two with equal ones have equal values, to the last bit."""
+        """A hashable key of what it computes: formulas with equal keys have equal values, to the last bit; made once.
+
+        It has the numbers of coordinates and parameters, the shape, the lines of text, and the digests of tables; not
+        the name.
+        """
         tables: list[Lookup] = []
         lines = tuple(written(self.outputs, tables))
         return self.coordinates, self.parameters, self.shape, lines, tuple(table.digest for table in tables)
 
     @cached_property
     def tape(self) -> Tape:
-        """The formula as the kernels play it (`sdhj.kernels.tape`)."""
+        """The formula as the kernels play it (`sdhj.kernels.tape`); made once."""
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
-        """The formula's outputs at traced points (M, coordinates) and parameters, put in place of its leaves: (M,
-        *shape).
+        """The results (M, *shape) at traced points (M, coordinates) and traced or plain parameters, as nodes of the
+        caller's graph.
         """
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
@@ -265,15 +295,17 @@ class Formula(Remembering):
         return Traced(out.reshape(len(columns), *self.shape))
 
     def __reduce__(self) -> Any:
-        """Pickle it as its lines of text and tables, from which `restored` makes it again, without its source."""
+        """Pickle it as lines of text and tables, from which `restored` makes it again; its source is left out."""
         tables: list[Lookup] = []
         lines = written(self.outputs, tables)
         return restored, (lines, tables, self.coordinates, self.parameters, self.shape, self.name)
 
 
 def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
-    """The seven arrays of a `Tape`, in its order, that computes some nodes (`outputs`); a slot is used again once
-    nothing more reads it.
+    """The seven arrays of a `Tape`, in the order of its docstring, whose results are the nodes `outputs`.
+
+    A slot is used again as soon as no later operation reads it, so a result may take the slot of an operand. Tables
+    with equal values are stored once, each followed by its `pyramid`; the last entry is a list of arrays.
     """
     order = ordered(outputs)
     last = {arg: i for i, one in enumerate(order) for arg in one.args}
@@ -315,15 +347,19 @@ def program(outputs: Sequence[Node]) -> tuple[Packable, ...]:
 
 
 def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The nodes of a traced function, without `ZERO_OF_ANY_SIGN`; NotTraced where the sign of a zero decides an
-    arctan2 in a whole region, see `zeros`. name : for the message.
+    """The nodes of a traced function with 0 in place of `ZERO_OF_ANY_SIGN`, after a check of each arctan2(y, x) in
+    them.
+
+    NotTraced where y may be 0 in a whole region and the sign of this zero decides the angle: `zeros.signs` looks for
+    that at random points, with a fixed seed. It does not decide where x > 0 for all coordinates and parameters up to
+    1e6 in size, nor where the zeros of y and of x are surely +0.0. name : what the function is, for the message.
     """
     rng = np.random.default_rng(0)
     scales = np.repeat([1.0, 10.0], zeros.POINTS // 2)
     points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
 
     def values(nodes: Sequence[Node]) -> FloatArray:
-        """The values of some nodes at the random points, (nodes, M)."""
+        """The values of some nodes at `zeros.POINTS` random points, (nodes, points); NaN where they are undefined."""
         one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
         return one(points, *given, finite=False).T
 
@@ -342,20 +378,23 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
 
 
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
-    """A formula of so many coordinates and parameters, with results of this shape, from the lines of its text and
-    the tables that these look up; ValueError where they are none, see `parsed`.
+    """The formula with this text, as `Formula.__reduce__` and files keep it.
+
+    lines, tables : as `parsed` takes them. coordinates, parameters : how many. shape : of the results for one point.
+    ValueError where the text cannot be read.
     """
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a function's values (M, *shape) at points (M, n) and these parameters are not those of its
-    formula.
+    """Raise ValueError where a function's values (M, *shape) are not those of its formula, at points (M, n) and
+    parameters.
 
-    NumPy may add in another order. Where values differ by more than `NEARLY` of the largest, it is the formula's
-    intervals that they must be in, widened by 4 units in the last place and by their width; to compile those takes
-    seconds, and few functions need them. Where an interval is wide, as at the jump of an angle, the values must agree
-    there or close by, where a jump that is a line only has been left.
+    Values may differ by `NEARLY` of the largest one, because NumPy may add in another order. Where they differ by more,
+    they must lie in the formula's intervals at the points, widened by 4 units in the last place and by their own width;
+    these are computed only there, because compiling them takes seconds. Where such an interval is wide, as at the jump
+    of an angle, the values must agree within `NEARLY` at the point, or at a random point beside it, by `BESIDE` of 1
+    and each coordinate.
     """
     values, own, good, differs = _compared(formula, function, points, parameters)
     if (some := differs.any(axis=1)).any():
@@ -371,8 +410,11 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
 
 
 def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
-    """Values of the function, those of its formula, whether the former are in the formula's intervals (or agree
-    anyway), and whether the two differ where the interval is wide: (M, K) each.
+    """Compare a function with its formula at points (M, n): (values, own, good, differs), each (M, K) for K results.
+
+    values, own : those of the function and of the formula. good : whether they agree, or the function's lie in the
+    formula's widened intervals, or nothing is known there. differs : whether they disagree where the interval is wide
+    (`WIDE`), if any disagree at all.
     """
     given = points.copy()
     given.setflags(write=False)
@@ -394,7 +436,8 @@ def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray
 class BlackBox:
     """A function that cannot be read as a formula, such as a network, with what its author declares of it.
 
-    What is not declared is taken at its worst, or is refused where a proof needs it. Proofs assume that it holds.
+    What is not declared is taken at its worst, or is refused where a proof needs it. Proofs take what is declared for
+    true.
 
     Parameters
     ----------
@@ -404,12 +447,14 @@ class BlackBox:
     reads : sequence of int, optional
         The coordinates that the answer depends on, numbered as the points' columns. By default all.
     slope : float, or one for each coordinate, or (ndim, ndim) array for a drift, optional
-        Bound on how much the answer changes for each unit of distance, or along each coordinate.
+        Bound on how much the answer changes for each unit of distance (one number), along each coordinate, or, in row
+        i, component i of the drift along each coordinate. By default none is known.
     rate : float, or one for each component, optional
         Bound on how much the answer changes in a second. 0: it does not depend on the time. By default, it may.
     enclosure : callable, optional
         Of a level set (low, high, t0, t1) -> (least, greatest), with boxes (M, axes) and answers (M,), at most and at
-        least what the function is anywhere in the box and in [t0, t1]; of a drift or gain (low, high, u, t0, t1).
+        least what the function is anywhere in the box and in [t0, t1]; of a drift or gain (low, high, u, t0, t1). Where
+        it is given, `slope` and `rate` are not used for bounds.
 
     Raises
     ------
@@ -434,12 +479,14 @@ class BlackBox:
     slope: Any = None
     rate: Any = None
     enclosure: Callable[..., Any] | None = None
-    name: str = field(default="black box", repr=False)
+    name: str = field(default="black box", repr=False)  # what the function is, for messages
     shape: tuple[int, ...] = field(default=(), repr=False)  # of the answer for one point
 
     def __post_init__(self) -> None:
-        """Check the function and what is declared of it, arrays copied and made read-only; ValueError where one
-        does not fit.
+        """Check the function and what is declared of it.
+
+        Arrays are copied and made read-only, `reads` becomes a tuple of int. ValueError where something is no function,
+        or a bound is negative or not finite.
         """
         for name in ("function", "enclosure"):
             if not (callable(given := getattr(self, name)) or (given is None and name == "enclosure")):
@@ -455,10 +502,12 @@ class BlackBox:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
-        """The same black box under another name; ValueError where its functions take something else.
+        """The black box under another name, for messages.
 
-        rest : what the function takes after the state; not looked at if `takes` is given. takes : what the enclosure
-            takes after low and high, by default t0 and t1.
+        ValueError where its functions do not take what they are to be given.
+
+        rest : names of what the function takes after the state; not checked if `takes` is given. takes : names of what
+        the enclosure takes after low and high, by default t0 and t1.
         """
         if not takes:
             check_places(name, self.function, ("points",), rest)
@@ -473,24 +522,25 @@ class BlackBox:
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
-        """The black box at points, or for boxes, that are clipped to [lower, upper] first."""
+        """The black box whose points, and corners of boxes, are first clipped to [lower, upper], (coordinates,)."""
 
         def cut(function: Any, count: int) -> Any:
-            """`function`, with its first `count` arguments, points or corners, clipped to [lower, upper]."""
+            """`function` with its first `count` arguments, points or corners of boxes, clipped to [lower, upper]."""
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
 
     def under(self, u: FloatArray) -> "BlackBox":
-        """A drift or a gain under one input u (m,), as a function of points and time."""
+        """A drift or a gain of (points, u, t) under one input u (m,), as a black box of (points, t)."""
         enclosure = self.enclosure and partial(_with_input, self.enclosure, 2, u)
         return replace(self, function=partial(_with_input, self.function, 1, u), enclosure=enclosure)
 
     def bounds(self, low: FloatArray, high: FloatArray, time: tuple[float, float]) -> Ends:
-        """Least and greatest values over boxes from low to high, (M, n) each, in an interval of time: both (M, *shape).
+        """Lower and upper bounds, (M, *shape) each, of the values over M boxes and an interval of time (begin, end).
 
-        By the enclosure, else value at the middle -+ (slope |half of the box| + rate times half of the duration), a
-        little more for rounding. ValueError, with the reason, where too little is declared.
+        They are what the enclosure says; else value at the middle -+ (slope |half of the box| + rate times half of the
+        duration), a little more for rounding. low, high (M, n) : corners of the boxes. ValueError, which names what is
+        missing, where too little is declared.
         """
         if self.enclosure is not None:
             least, greatest = (np.asarray(end, dtype=np.float64) for end in self.enclosure(low, high, *time))
@@ -503,8 +553,11 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
-            """At most how far values change over displacements `by` (M, n) and a duration: slope |by| + rate
-            duration, (M, 1...).
+            """At most how far values change over displacements `by` >= 0, (M, n), and a duration: slope |by| + rate
+            duration, (M, 1, ...).
+
+            With a single slope of a level set, |by| is the length; else it is taken coordinate by coordinate and
+            summed.
             """
             far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
             far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
@@ -520,12 +573,14 @@ class BlackBox:
 
     @property
     def least_of(self) -> "tuple[BlackBox, ...]":
-        """The functions whose minimum it is: itself alone, as nobody sees what it is made of."""
+        """The functions whose minimum it is: (self,), because what it is made of is not known."""
         return (self,)
 
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
-        """Least value (M,) at points (M, n) over an interval of time: by the enclosure, else the value in the
-        middle less rate times half of the duration. ValueError where it is not declared how fast it changes.
+        """Lower bounds (M,) at points (M, n) over an interval of time (begin, end).
+
+        They are what the enclosure says; else value in the middle - rate times half of the duration. ValueError where
+        neither an enclosure nor a rate is declared.
         """
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
@@ -537,8 +592,9 @@ class BlackBox:
         return np.asarray(self(points, sum(time) / 2) - self.rate * (time[1] - time[0]) / 2)
 
     def __call__(self, points: Any, *others: Any) -> Any:
-        """The function's values (M, *shape) at points (M, n) and other arguments; ValueError where they are no
-        finite numbers of that shape, NotTraced within a function that is traced.
+        """The function's values as float64 (M, *shape), at points (M, n) and what it takes besides.
+
+        ValueError where they are not finite or have another shape; NotTraced within a function that is traced.
         """
         if isinstance(points, Traced):
             raise NotTraced("a black box within a function", "wrap the whole function in sdhj.BlackBox")
@@ -549,11 +605,11 @@ class BlackBox:
 
 
 def _sides(op: str, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Bounds of `mod` and `arctan2` on both sides of their jump in each of M boxes, [side][lower, upper][box], the same
-    where there is no jump: (2, 2, M).
+    """Bounds of `mod` or `arctan2` (op) over M boxes, on both sides of its jump: (2, 2, M), [side][lower, upper][box].
 
-    a, b (2, M): lower and upper bounds of the number of laps and the period; or of y and x, of which the cut is y = 0,
-    x <= 0.
+    Both sides have the same bounds where there is no jump in the box. a, b (2, M) : lower and upper bounds of the
+    number of laps and of the period (above 0); or of y and of x, where the jump is at y = 0, x <= 0. They are rounded
+    outward by a share `ANGLE_ERROR`. A `mod` of more than one jump in the box has all of [0, period].
     """
     if op == "mod":
         laps = np.floor(a)
@@ -574,17 +630,26 @@ ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y an
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
-    """function(*given) with the input u inserted before argument number `place`."""
+    """function(*given) with the input u (m,) inserted as argument number `place`."""
     return function(*given[:place], u, *given[place:])
 
 
 def union(*functions: Any) -> Any:
-    """The level-set function of the union of sets, from theirs: the minimum. All are of (points, t).
+    """The level-set function of the union of sets, from theirs: min over the functions f of f(points, t).
 
     Parameters
     ----------
     functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
+
+    Returns
+    -------
+    callable (points (M, axes), t) -> (M,)
+
+    Raises
+    ------
+    ValueError
+        If an argument is no function of (points, t).
 
     Examples
     --------
@@ -599,12 +664,21 @@ def union(*functions: Any) -> Any:
 
 
 def intersection(*functions: Any) -> Any:
-    """The level-set function of the intersection of sets, from theirs: the maximum. All are of (points, t).
+    """The level-set function of the intersection of sets, from theirs: max over the functions f of f(points, t).
 
     Parameters
     ----------
     functions : callable (points (M, axes), t) -> (M,)
         <= 0 in the sets, all of the same axes.
+
+    Returns
+    -------
+    callable (points (M, axes), t) -> (M,)
+
+    Raises
+    ------
+    ValueError
+        If an argument is no function of (points, t).
 
     Examples
     --------
@@ -619,12 +693,23 @@ def intersection(*functions: Any) -> Any:
 
 
 def complement(function: Any) -> Any:
-    """The level-set function of all that is not in a set, from the set's: its negative.
+    """The level-set function of all that is not in a set, from the set's function f: -f(points, t).
+
+    The boundary, where f is 0, belongs to both.
 
     Parameters
     ----------
     function : callable (points (M, axes), t) -> (M,)
         <= 0 in the set.
+
+    Returns
+    -------
+    callable (points (M, axes), t) -> (M,)
+
+    Raises
+    ------
+    ValueError
+        If it is no function of (points, t).
 
     Examples
     --------
@@ -641,6 +726,8 @@ def complement(function: Any) -> Any:
 
 
 def _check_sets(name: str, functions: Sequence[Any]) -> None:
-    """Raise ValueError where an argument of sdhj.NAME, `union` or its like, is no function of (points, t)."""
+    """Raise ValueError where an argument of sdhj.NAME (`union`, `intersection` or `complement`) is no function of
+    (points, t).
+    """
     for function in functions:
         check_places(f"a level-set function of sdhj.{name}", function, ("points",), ("t",))

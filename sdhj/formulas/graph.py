@@ -27,20 +27,24 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 
 @dataclass(frozen=True)
 class Lookup:
-    """A table: values at the nodes lower + i * spacing of a grid, compared by a digest of the values; made by `of`."""
+    """A table to be interpolated: values at the nodes lower + i * spacing of a grid; made by `of`, which checks them.
 
-    values: FloatArray = field(compare=False, repr=False)
-    lower: tuple[float, ...]
-    spacing: tuple[float, ...]
-    digest: str
+    Two tables are equal if their lower, spacing and digest are; values are compared by the digest alone.
+    """
+
+    values: FloatArray = field(compare=False, repr=False)  # float64, read-only, 1 to `MOST_AXES` axes
+    lower: tuple[float, ...]  # the coordinate of the first node on each axis
+    spacing: tuple[float, ...]  # from node to node on each axis, above 0
+    digest: str  # of shape and values, hexadecimal
 
     @classmethod
     def of(cls, values: Any, lower: Any, spacing: Any) -> "Lookup":
-        """A table of values on a grid; ValueError where shapes do not fit, numbers are not finite, or the values take
-        more than `MOST_TABLES` bytes.
+        """A table from values and one number `lower` and `spacing` for each axis (plain numbers where there is one
+        axis).
 
-        Maps are large: of a Lookup its values are shared, and a read-only array that owns them is not copied, but
-        others are.
+        ValueError where shapes do not fit, an axis has a single node, a number is not finite, a spacing is not above 0,
+        or the values take more than `MOST_TABLES` bytes. As maps are large, values are shared where that is safe: those
+        of a Lookup, and a read-only array that owns its memory (`_sealed`); all else is copied.
         """
         known = values if isinstance(values, Lookup) else None
         if (size := 8 * math.prod(getattr(values, "shape", ()))) > MOST_TABLES:
@@ -68,39 +72,42 @@ class Lookup:
 
 
 def _sealed(values: Any) -> bool:
-    """Whether values are a read-only, C-contiguous float64 array that owns its memory."""
+    """Whether values can be kept without a copy: a read-only, C-contiguous float64 array that owns its memory."""
     fits = type(values) is np.ndarray and values.dtype == np.float64 and values.flags.c_contiguous
     return fits and values.flags.owndata and not values.flags.writeable
 
 
 class Node:
-    """One operation and its operands, or a leaf: a coordinate, parameter or constant. Equal ones are one object;
-    made by `leaf`, `constant`, `make` and `interned` alone.
+    """One operation and its operands, or a leaf: a coordinate, a parameter or a constant.
+
+    Nodes are immutable, and equal ones are one object: compare them by `is`. They are made by `leaf`, `constant`,
+    `make`, `power` and `interned` alone, never by Node(). `+`, `-` and `*` make nodes, because NumPy's products
+    (np.dot, np.einsum) use these on the entries of object arrays.
     """
 
     __slots__ = ("__weakref__", "args", "op", "total", "truth", "value")
     op: str  # the name of its rule (`sdhj.formulas.rules`)
-    args: "tuple[Node, ...]"
-    value: Any  # of a constant, the exponent of a power, the table of a look-up, or of a leaf (index, row)
-    truth: bool  # whether it is 0 or 1 wherever it is defined
-    total: bool  # whether it is defined, and does not overflow, for all that a state may have
+    args: "tuple[Node, ...]"  # the operands
+    value: Any  # the number of a constant, exponent of a power, `Lookup`, or (index, row) of a leaf; else None
+    truth: bool  # whether it is a truth value: 0 or 1 wherever it is defined
+    total: bool  # whether it is surely defined, and does not overflow, for all that states and times may be
 
     def __add__(self, other: Any) -> "Node":  # products in NumPy add, subtract and multiply the entries
-        """The node self + other."""
+        """The node self + other, a node or a number; simplified by `make`."""
         return make("add", self, node(other))
 
     def __sub__(self, other: Any) -> "Node":
-        """The node self - other."""
+        """The node self - other, a node or a number; simplified by `make`."""
         return make("sub", self, node(other))
 
     def __mul__(self, other: Any) -> "Node":
-        """The node self * other."""
+        """The node self * other, a node or a number; simplified by `make`."""
         return make("mul", self, node(other))
 
     __radd__, __rmul__ = __add__, __mul__
 
     def __bool__(self) -> bool:
-        """Raise TypeError: a node has no value."""
+        """Raise TypeError: a node has no value that could decide."""
         raise TypeError("an entry of a traced array has no value")
 
     def __repr__(self) -> str:
@@ -109,8 +116,11 @@ class Node:
 
 
 def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
-    """The one node of operation `op` with these operands (args) and this value: the same object each time, not
-    simplified.
+    """The one node of operation `op` with these operands and this value, not simplified: equal arguments, the same
+    object.
+
+    op : a name in `RULES`. value : as `Node.value`; floats are compared by their digits, so NaN equals NaN and -0.0
+    differs from 0.0. Nodes are known as long as something refers to them. Threads may call it at the same time.
     """
     key = (op, args, repr(value) if isinstance(value, float) else value)  # NaN is NaN
     found = _nodes.get(key)
@@ -130,30 +140,35 @@ def interned(op: str, args: tuple[Node, ...] = (), value: Any = None) -> Node:
 
 
 def leaf(kind: str, index: int, row: int = 0) -> Node:
-    """The node of coordinate (kind "x") or parameter (kind "p") number `index`; row: of which point, while a
-    function is traced.
+    """The node of coordinate (kind "x") or parameter (kind "p", of which 0 is the time) number `index`.
+
+    row : the number of the point, while a function is traced with several; 0 in formulas. The same arguments give the
+    same object.
     """
     return interned(kind, (), (index, row))
 
 
 def constant(value: float) -> Node:
-    """The node of a constant; -0.0 becomes 0.0."""
+    """The node of a number; -0.0 becomes 0.0."""
     return interned("const", (), float(value) + 0.0)  # a zero has no sign
 
 
 def node(value: Any) -> Node:
-    """A number as the node of a constant; a node itself."""
+    """The node of a constant, if value is a number; value itself if it is a node."""
     return value if isinstance(value, Node) else constant(value)
 
 
 def is_constant(one: Node, value: float | None = None) -> bool:
-    """Whether a node is a constant, of some value if one is given."""
+    """Whether a node is a constant and, if a value is given, is that one."""
     return one.op == "const" and (value is None or one.value == value)
 
 
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
-    """The node of operation `op` on nodes, or of the constant `value`, simplified where that changes neither a
-    value nor where it is undefined. value : also the exponent of "power".
+    """The node of operation `op` with these operands, simplified.
+
+    Without operands the constant `value`, whatever `op` is. Simplified is only what changes neither a value, to the
+    last bit, nor where the node is undefined: constants are computed where that is exact, and `Rule.simpler` has its
+    say. value : the number of a constant, the exponent of "power", or the `Lookup` of "gridded".
     """
     if not args:
         return constant(value)
@@ -168,7 +183,7 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """The node of a to the b: as square, root, quotient or whole power where the exponent is a constant that is one."""
+    """The node a^b: for a constant b the cheapest of a, a^2, sqrt(a), 1/a and a whole power up to 64, else "pow"."""
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
@@ -183,10 +198,10 @@ def power(a: Node, b: Node) -> Node:
 
 
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
-    """All nodes that `outputs` are made of, themselves too, each once, operands before what is made of them, in an
-    order that the graph alone decides.
+    """The nodes that `outputs` are made of and these themselves, each once, operands before the nodes that read them.
 
-    Empty where there are more than `most`, or about as many.
+    The order depends on the graph alone. most : a limit, to keep callers fast; the list is empty where there are more
+    nodes, and it may be where there are nearly as many, since nodes that wait to be visited count, too.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]
@@ -201,8 +216,10 @@ def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
 
 
 def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) -> list[Node]:
-    """The outputs with some of the nodes that they are made of replaced, and all that hangs on these simplified
-    anew. replaced : a node -> the one in its place, or None.
+    """The outputs with some of the nodes that they are made of replaced, and all nodes above those made anew by `make`.
+
+    replaced : is called once for each node, operands first; it returns the node to put in its place, which is taken as
+    it is, or None to keep the operation. Nodes in which nothing has changed stay the same objects.
     """
     new: dict[Node, Node] = {}
     for one in ordered(outputs):
@@ -214,5 +231,5 @@ def rebuilt(outputs: Sequence[Node], replaced: Callable[[Node], Node | None]) ->
 
 
 def leaves(outputs: Iterable[Node], kind: str) -> set[int]:
-    """The indices of the coordinates (kind "x") or parameters (kind "p") that nodes (`outputs`) read."""
+    """The indices of all coordinates (kind "x") or parameters (kind "p") that the nodes `outputs` read."""
     return {one.value[0] for one in ordered(outputs) if one.op == kind}

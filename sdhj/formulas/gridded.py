@@ -11,14 +11,15 @@ from sdhj.formulas.graph import Lookup, interned, leaf
 def gridded(values: Any, lower: Any, spacing: Any) -> Callable[[Any], Any]:
     """A function of points (M, axes) -> (M,) that interpolates values given at the nodes of a grid, multilinearly.
 
-    Beyond the ends of the grid it has the value at the end.
+    Beyond the ends of the grid its value is that at the nearest point of the grid. Where a coordinate is NaN, it is
+    NaN. Within a level set, drift or gain it is read as part of the formula.
 
     Parameters
     ----------
     values : array of 1 to 6 axes, at least two nodes each
-        Copied, unless it is a read-only array of its own.
+        Copied, unless it is a read-only, contiguous float64 array that owns its memory.
     lower, spacing : float, one for each axis
-        Where the first node is, and how far nodes are apart, in the axes' units.
+        The coordinate of the first node, and the distance from node to node, in the axes' units.
 
     Returns
     -------

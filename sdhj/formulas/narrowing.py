@@ -16,14 +16,22 @@ ZERO = constant(0.0)
 
 
 def where(condition: Node, one: Node, other: Node) -> Node:
-    """The node one if condition else other; branches that may be undefined are narrowed by what the condition says."""
+    """The node "one if condition else other", simplified.
+
+    Branches that may be undefined are first narrowed: made equal where the condition chooses them, with intervals cut
+    to what it says.
+    """
     if one is not other:
         one, other = _narrowed(one, condition, True), _narrowed(other, condition, False)
     return make("where", condition, one, other)
 
 
 def quotient(a: Node, b: Node) -> Node:
-    """The node a / b; made of "share"s, quotients cut to [-1, 1], if |a| is at most b and b is kept above 0."""
+    """The node a / b, made of "share"s where that is possible: quotients that are cut to [-1, 1].
+
+    It is where |a| <= b by form (`_shares`), and b is kept above 0: b is the maximum of a constant above 0 and
+    something, or the sum of one and what is never negative.
+    """
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
     share = _shares(a, b, {}) if kept else None
@@ -31,7 +39,7 @@ def quotient(a: Node, b: Node) -> Node:
 
 
 def squares(one: Node) -> list[Node] | None:
-    """The nodes that are squared in a sum of squares and numbers >= 0; None for other nodes."""
+    """The nodes that are squared in `one`, a sum of squares and constants >= 0; None where it is no such sum."""
     left, found = [one], list[Node]()
     while left:
         one = left.pop()
@@ -45,8 +53,12 @@ def squares(one: Node) -> list[Node] | None:
 
 
 def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
-    """A branch as a node that is equal to it wherever a condition holds (or, for False, does not), its intervals
-    cut by what that says there.
+    """A node that is equal to `branch` wherever the condition is true (holds) or false (not holds), with narrower
+    intervals.
+
+    Each inequality that then holds cuts nodes of the branch by "min" and "max" (`_cuts`), and divisors that it keeps
+    off 0 make quotients "share"s. `branch` itself comes back where it is `total`, or has more than `MOST_NARROWED`
+    nodes.
     """
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch
@@ -68,7 +80,12 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
 
 def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
-    """(node, "min" or "max", bound) for each node whose interval can be cut where a <= b, without making it larger."""
+    """The cuts that a <= b allows: (node, "min" or "max", bound), by which the node's interval is narrowed, not its
+    value.
+
+    With a constant b, a and the inside of an absolute value a are cut; with a constant a, b is; else a - b and b - a
+    are.
+    """
     if is_constant(b):
         inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
         return [(a, "min", b), *inner]
@@ -78,8 +95,10 @@ def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
 
 
 def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, bool]]:
-    """Yield (a, b, whether strictly) for the inequalities a <= b, or a < b, that a condition states where it
-    holds, or does not (`holds`).
+    """Yield (a, b, strict) for each inequality, a < b if strict, else a <= b, that is sure where the condition is true.
+
+    holds : True; False asks what is sure where the condition is false. "not", "and" and "or" are taken apart where all
+    of their operands are sure; of "equal" only z = 0 being false is used, as 0 < |z|.
     """
     left, seen = [(condition, holds)], set[tuple[Node, bool]]()
     while left:
@@ -97,21 +116,27 @@ def _ordered_pairs(condition: Node, holds: bool) -> Iterator[tuple[Node, Node, b
 
 
 def _is_length(one: Node) -> bool:
-    """Whether a node is surely never negative: an absolute value, a square or the like, or a constant >= 0."""
+    """Whether a node is never negative by its operation (an absolute value, a square, a root, ...), or is a constant >=
+    0.
+    """
     return RULES[one.op].length or (one.op == "const" and one.value >= 0)
 
 
 def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
-    """Whether a divisor is surely not 0: it, or its absolute value, is among `nonzero`, or that is so of what it
-    is the root, negative or absolute value of.
+    """Whether a divisor is surely not 0, given nodes that are not.
+
+    It is so if the divisor or its absolute value is among `nonzero`, or if it is a root, negative or absolute value of
+    such a node.
     """
     inner = one.op in ("abs", "neg", "sqrt") and _is_nonzero(one.args[0], nonzero)
     return inner or one in nonzero or make("abs", one) in nonzero
 
 
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
-    """The node a / b, made of "share"s, quotients cut to [-1, 1], with `new` nodes in place of some; None where
-    that cannot be.
+    """The quotient a / b made of "share"s, which are quotients cut to [-1, 1]; None where a is not of that form.
+
+    Each part of a, a sum, difference or multiple of parts, must be at most |b| by form (`at_most`). b is not 0, which
+    the caller knows. new : {node: node to be put in its place}.
     """
     found = dict[Node, Any]()
     for one in ordered([a], MOST_NARROWED):
@@ -129,7 +154,11 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 
 
 def at_most(a: Node, b: Node) -> bool:
-    """Whether |a| <= |b| wherever both are defined, by their form; False where that is not seen."""
+    """Whether |a| <= |b| is plain from the form of the two nodes, wherever both are defined; False where it is not.
+
+    It follows from |f(c)| <= |c| (`Rule.shrinks`), and from what is in b: a term of a length, of a maximum or sum of
+    what is never negative.
+    """
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
     while RULES[a.op].shrinks:
         a = a.args[0]

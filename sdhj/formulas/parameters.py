@@ -1,6 +1,6 @@
-"""What the parameters of a user's function are: the first is the state, the others are known by their names.
+"""What the parameters of a user's function mean: the first is the state, the others are known by their names.
 
-So a first parameter that has the name of another is read in two ways, and such a function is refused.
+A first parameter that has the name of another, as t, could be read in two ways, so such a function is refused.
 """
 
 import inspect
@@ -14,11 +14,11 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a function, of which `signature` is the signature, of the state and then of some
-    that are `known`.
+    """The positional parameters of a user's function: the state's first, then others, also ones that are not known.
 
-    name : of what it is, for messages. ValueError, with both readings, where the first has the name of another; and
-        where one of these names can only be given as a keyword, which nobody does.
+    name : what the function is, for messages. signature : that of the function. known : the names that may stand after
+    the state, such as "t". ValueError where the first parameter has the name of an input, disturbance or time (the
+    message shows both readings), and where one of the known names can be given by keyword only.
     """
     every = signature.parameters.values()
     places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -42,10 +42,13 @@ def parameters_of(
 
 
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
-    """Raise ValueError unless a function takes `first`, states or boxes of them, and then `rest`, all by position.
+    """Raise ValueError unless a function can be called with `first`, and then `rest`, all by position, and names them
+    so.
 
-    name : of what it is, for the message. A parameter that has a known name in the place of another, or a default, was
-        meant to be something else. Compiled functions that do not say what they take are not checked.
+    name : what the function is, for the message. first : what stands for the state or a box of states, as ("points",)
+    or ("low", "high"); these may have any name. rest : names such as "t". A parameter after the first is refused if it
+    has another known name, or if, in the place of one of `rest`, it has a default or a state's name. A compiled
+    function that does not tell its parameters is not checked.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

@@ -1,4 +1,4 @@
-"""What others found out about an object, which goes with it."""
+"""A cache that an object carries, of what other code has computed about it."""
 
 from collections.abc import Callable
 from functools import cached_property
@@ -8,18 +8,22 @@ T = TypeVar("T")
 
 
 class Remembering:
-    """Base of objects with which others keep what they find out about them (`remembered`); it is neither compared
-    nor pickled.
+    """Base class of objects that carry a cache of what other code has computed about them, filled by `remembered`.
+
+    The cache starts empty, is never emptied, and takes no part in comparing or pickling the object. Values are kept
+    under keys that the callers choose; no lock is held, so two threads may both compute one value.
     """
 
     @cached_property
     def _remembered(self) -> dict[Any, Any]:
-        """The values found, by key; {} at first."""
+        """The cache: {key: value}, empty at first."""
         return {}
 
     def remembered(self, key: Any, find: Callable[[], T]) -> T:
-        """The value of `find()`, which is called only the first time that this key is asked for; then the value
-        is kept.
+        """Return the value kept under a hashable key; where there is none yet, call `find()` and keep what it returns.
+
+        The same object is returned each time, not a copy. `find` must give the same answer whenever it is called with
+        this key.
         """
         if key not in self._remembered:
             self._remembered[key] = find()
@@ -27,5 +31,5 @@ class Remembering:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """The attributes that are pickled: all but what was found out."""
+        """The attributes that are pickled: all but the cache."""
         return {name: value for name, value in vars(self).items() if name != "_remembered"}

@@ -1,7 +1,9 @@
-"""The closed set of operations of a formula, a record each, from which all else that is known of them follows.
+"""The closed set of operations that formulas are made of: one record each, from which all else is derived that is known
+of an operation.
 
-The kernels of a tape (`sdhj.kernels.tape`) compute the values; the checker has rules of its own, by the same names. NaN
-means undefined: it passes through every operation. A record's functions make nodes by `make` (`sdhj.formulas.graph`).
+The kernels of a tape (`sdhj.kernels.tape`) compute the values; the checker has rules of its own under the same names.
+NaN means undefined and passes through every operation. The functions of a record make nodes by their argument `make`,
+which is `sdhj.formulas.graph.make`.
 """
 
 import math
@@ -16,45 +18,48 @@ from sdhj.kernels import FloatArray, tape
 from sdhj.kernels.elementary import INF
 from sdhj.kernels.intervals import PI_UP, STEP, TINY
 
-Make = Callable[..., Any]  # of an operation's name and operands: a node, simplified
+Make = Callable[..., Any]  # `graph.make`: make(name of an operation, *operands, value=...) -> the node, simplified
 
 
 @dataclass(frozen=True)
 class Rule:
-    """One operation, f of operands a, b and c, and all that is known of it: its NumPy functions, error, domain,
-    simplification, derivative and text.
+    """One operation f of operands a, b and c, and all that is known of it.
 
-    Its interval follows from values at ends of the operands, moved outward by their error, where the kernels have no
-    rule of its own for it: f rises with an operand, or falls with the first, or does so with absolute values.
+    That is: its NumPy functions, rounding error, domain, simplification, derivative and text. Where the kernels have no
+    rule of their own for its interval (`direct`), the interval follows from the values at the ends of the operands'
+    intervals, moved outward by `error`. Those are the extremes, because f rises with every operand or, if `falls`,
+    falls with the first one; if it is `absolute`, this holds of the operands' absolute values.
     """
 
-    name: str  # in texts, and the field `op` of a node
-    code: int  # for the kernels
-    arity: int  # how many operands it has; -1 for one to six
-    numpy: str  # the NumPy functions that it stands for, or that are made of it
+    name: str  # the operation's name in texts of formulas, and the field `op` of a node
+    code: int  # its number in the kernels, a constant of `sdhj.kernels.tape`
+    arity: int  # how many operands it has; -1: from one to six, one for each axis of a table
+    numpy: str  # for people: the NumPy functions that are read as this operation, or as several of which it is one
     says: str  # one sentence: what it computes and where it is undefined
-    ufuncs: str = ""  # NumPy's functions that are read as it
-    whole: bool = False  # whether the first of these is exact of whole numbers and truth values, too
-    total: bool = True  # whether it is defined wherever its operands are
+    ufuncs: str = ""  # the names of NumPy's ufuncs that are read as this operation, separated by blanks
+    whole: bool = False  # whether the first of `ufuncs` may be given int64 and bool, too, as its answer is exact
+    total: bool = True  # whether it is defined wherever all its operands are
     truth: bool = False  # whether it gives a truth value
-    truths: int = 0  # how many of its operands, the first ones, are truth values
-    folded: Callable[..., Any] | None = None  # of Python's numbers, where those are NumPy's bit for bit
-    simpler: Callable[..., Any] | None = None  # (make, operands): a node that is the same, or None
-    derivative: Callable[[Make, Any, Sequence[Any], Sequence[Any]], Any] | None = None  # (make, f, operands, slopes)
-    error: float | None = 0.0  # of a value, in units in the last place, besides its rounding; None: it is exact
+    truths: int = 0  # how many of its operands must be truth values; those are the first ones
+    folded: Callable[..., Any] | None = None  # computes it of Python's floats, with NumPy's bits; None: not folded
+    simpler: Callable[..., Any] | None = None  # (make, *operands) -> an equal node that is simpler, or None
+    # (make, the node f, its operands, their derivatives) -> the derivative of f; None: `derivative` has its own rule
+    derivative: Callable[[Make, Any, Sequence[Any], Sequence[Any]], Any] | None = None
+    error: float | None = 0.0  # of a computed value, in units in the last place, beside its rounding; None: exact
     falls: bool = False  # whether it falls with its first operand
     absolute: bool = False  # whether it depends on the absolute values of its operands
     direct: bool = False  # whether the kernels have a rule of their own for its interval
-    vanishes: bool = False  # whether a value that is computed as 0 may be off
-    least: float = -INF
-    most: float = INF
+    vanishes: bool = False  # whether a value that is computed as 0 may be another one, by underflow
+    least: float = -INF  # no value is below
+    most: float = INF  # no value is above
     length: bool = False  # whether it is never negative
     shrinks: bool = False  # whether |f(a)| <= |a|
-    chooses: tuple[int, ...] = ()  # the operands of which one is the result
-    pieces: bool = False  # whether it is made of pieces, so that it may be 0 in a whole region
-    zeros: str = ""  # "kept": signed as NumPy's; "positive": none has a minus; "chosen": as an operand's
-    sign: str = ""  # between its operands, in mathematics
-    binds: int = -1  # how tightly; -1 for a name with parentheses
+    chooses: tuple[int, ...] = ()  # positions of the operands of which one is the result
+    pieces: bool = False  # whether it is piecewise, so that it may be 0 in a whole region
+    # of the sign of a result 0, words: "kept": it is NumPy's; "positive": it is +0.0; "chosen": it is an operand's
+    zeros: str = ""
+    sign: str = ""  # what stands between its operands in mathematics, as " + "
+    binds: int = -1  # how tightly it binds in mathematics, 0 least; -1: it is written as name(operands)
 
 
 # ---- how nodes are simplified: without a change of a value, or of where it is undefined
@@ -73,8 +78,9 @@ def _add(make: Make, a: Any, b: Any) -> Any:
 
 
 def _sub(make: Make, a: Any, b: Any) -> Any:
-    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b; None where nothing
-    is simpler.
+    """The node a - b simplified: a - 0 = a, a - a = 0 where a is always defined, 0 - b = -b.
+
+    None where nothing is simpler.
     """
     if _is(b, 0.0):
         return a
@@ -84,8 +90,9 @@ def _sub(make: Make, a: Any, b: Any) -> Any:
 
 
 def _mul(make: Make, a: Any, b: Any) -> Any:
-    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2; None where
-    nothing is simpler.
+    """The node a b simplified: 0 b = 0 where b is always defined, 1 b = b, -1 b = -b, a a = a^2.
+
+    None where nothing is simpler.
     """
     for one, other in ((a, b), (b, a)):
         if _is(one, 0.0) and other.total:
@@ -98,8 +105,9 @@ def _mul(make: Make, a: Any, b: Any) -> Any:
 
 
 def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
-    """The node `where` simplified: of a constant condition, or between equal branches; None where nothing is
-    simpler.
+    """The node `where` simplified: of a constant condition, or between equal branches.
+
+    None where nothing is simpler.
     """
     if condition.op == "const":
         return condition if math.isnan(condition.value) else a if condition.value else b
@@ -107,13 +115,16 @@ def _where(make: Make, condition: Any, a: Any, b: Any) -> Any:
 
 
 def _but_for(op: str, neutral: float) -> Callable[..., Any]:
-    """`Rule.simpler` of an operation that gives a itself for (a, a), and for (a, neutral): "min", "max", "and" or
-    "or".
+    """Make the `Rule.simpler` of `op`, one of "min", "max", "and" and "or": op(a, a) = a, op(a, neutral) = a.
+
+    neutral : the constant that leaves the other operand as it is, as inf for "min".
     """
 
     def simpler(make: Make, a: Any, b: Any) -> Any:
-        """The node op(a, b) simplified by its neutral element and by joining constants; None where nothing is
-        simpler.
+        """The node op(a, b) simplified; None where nothing is simpler.
+
+        a or b where the two are one node, or the other one is neutral; op(op(c, 1), 2) = op(c, op(1, 2)) for constants
+        1 and 2.
         """
         if a is b or _is(b, neutral):
             return a
@@ -128,49 +139,57 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
 
 
 def settled(make: Make, one: Any) -> Any:
-    """A node that is 0 where the interval of `one` is a single number, and undefined in other boxes."""
+    """A node that is 0 in boxes where the node `one` has a single number for its interval, undefined in others."""
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
 def angle_rate(make: Make, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """The derivative of the angle arctan2(y, x), (x y' - y x') / (x^2 + y^2); a is (y, x), d their derivatives."""
+    """The node (x y' - y x') / (x^2 + y^2), the derivative of arctan2(y, x) off its jump.
+
+    a : the operands (y, x). d : their derivatives (y', x').
+    """
     return make("div", make("sub", a[1] * d[0], a[0] * d[1]), make("sqr", a[1]) + make("sqr", a[0]))
 
 
 def _step(make: Make, f: Any, _: Sequence[Any], __: Sequence[Any]) -> Any:
-    """Derivative of a node f that is constant between its jumps: 0, and undefined in boxes where f is not `settled`."""
+    """Derivative of a node f that is constant between its jumps: 0, undefined in boxes where f may jump (`settled`)."""
     return settled(make, f)
 
 
 def _product(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a b)' = a' b + a b'; a: the two operands, d: their derivatives."""
+    """(a b)' = a' b + a b'. a : the two operands. d : their derivatives.
+
+    The term of an operand whose derivative is the node 0 is left out, also where the other operand may be undefined.
+    """
     if (zero := make(value=0.0)) in d:  # 0 a would stay where a may be undefined
         return d[1] * a[0] if d[0] is zero else d[0] * a[1]
     return d[0] * a[1] + a[0] * d[1]
 
 
 def _quotient(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """Derivative of f = a / b: (a' - f b') / b; a: the two operands, d: their derivatives."""
+    """(a / b)' = (a' - f b') / b, for the node f = a / b. a : the two operands. d : their derivatives."""
     return make("div", d[0] if d[1] is make(value=0.0) else make("sub", d[0], f * d[1]), a[1])
 
 
 def _any_power(make: Make, f: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """(a^b)' = b a^(b - 1) a' + a^b log(a) b'; f: the power, a: the two operands, d: their derivatives."""
+    """(a^b)' = b a^(b - 1) a' + a^b log(a) b', for the node f = a^b. a : the two operands. d : their derivatives."""
     base = a[1] * make("pow", a[0], make("sub", a[1], make(value=1.0))) * d[0]
     return base if d[1] is make(value=0.0) else base + f * make("log", a[0]) * d[1]
 
 
 def _angle(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0; a: y and x, d:
-    their derivatives.
+    """arctan2(y, x)' = (x y' - y x') / (x^2 + y^2), undefined on the branch cut y = 0, x <= 0.
+
+    a : the operands (y, x). d : their derivatives.
     """
     cut = make("div", make(value=0.0), make("max", a[1], make("abs", a[0])))  # undefined at y = 0, x <= 0
     return angle_rate(make, a, d) + cut
 
 
 def _remainder(make: Make, _: Any, a: Sequence[Any], d: Sequence[Any]) -> Any:
-    """mod(a, b)' = a' - floor(a / b) b', undefined where the quotient is whole; a: the two operands, d: their
-    derivatives.
+    """mod(a, b)' = a' - floor(a / b) b', undefined in boxes in which a / b passes a whole number.
+
+    a : the two operands. d : their derivatives.
     """
     laps = make("floor", make("div", *a))
     return make("sub", d[0], laps * d[1]) + settled(make, laps)
@@ -297,8 +316,10 @@ RULES = {rule.name: rule for rule in (
 
 
 def facts(rules: Sequence[Rule]) -> FloatArray:
-    """The array by which kernels bound operations: a row for each rule, at its code, with the columns FALLS to
-    HIGHEST of `sdhj.kernels.tape`; read-only.
+    """What kernels must know to bound operations by intervals: one row for each rule, at index `Rule.code`, read-only.
+
+    The columns are FALLS to HIGHEST of `sdhj.kernels.tape`: falls, absolute and direct (0 or 1), the relative error (2
+    error + 1) STEP (0 if exact), TINY if a value computed as 0 may be another one, and the least and greatest values.
     """
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:

@@ -23,8 +23,10 @@ CLOSE = 1e-12  # relative: constants that users compute with NumPy differ so muc
 
 
 def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
-    """The lines of text of some nodes, the last one "return" and the results' numbers; look-ups whose values are
-    not in `tables` yet are appended to it, in place.
+    """The lines of text of a formula's results: one line for each node, then "return" and the numbers of the results.
+
+    tables : the look-up tables that belong to the text, referred to by position; appended to in place where a node
+    looks up values that are not yet among them.
     """
     order, lines = ordered(outputs), list[str]()
     number = {one: str(i) for i, one in enumerate(order)}
@@ -47,10 +49,11 @@ def written(outputs: Sequence[Node], tables: list[Lookup]) -> list[str]:
 
 
 def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parameters: int) -> tuple[Node, ...]:
-    """The results, nodes, that lines of text stand for, of up to so many coordinates and parameters; `tables`, Lookups
-    or arrays, are those that they look up by number.
+    """The results of a formula as nodes, from the lines of text that `written` makes; equal texts give the same nodes.
 
-    ValueError, with the number of the line, where it is not one that `written` writes.
+    tables : arrays or `Lookup`s, referred to by position. coordinates, parameters : how many the formula may read. The
+    nodes are not simplified. ValueError, with the number of the line, where a line is not one that `written` could
+    write.
     """
     if not 2 <= len(lines) <= MOST_LINES:
         raise ValueError(f"a formula must have 2 to {MOST_LINES:,} lines, got {len(lines):,}")
@@ -59,13 +62,14 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
     @cache  # where many nodes look up one table, it is copied and its digest computed once
     def table(number: int) -> Lookup:
-        """The table with this number, as a `Lookup`; made once."""
+        """The values of table number `number` as a `Lookup`, made once; an array gets a grid from 0 with spacing 1."""
         found = tables[number]
         return found if isinstance(found, Lookup) else Lookup.of(found, [0.0] * found.ndim, [1.0] * found.ndim)
 
     def looked_up(number: str, *ends: str) -> Lookup:
-        """The `Lookup` of a line: the number of its table, then "lower" and the ends, "spacing" and the spacings,
-        hexadecimal.
+        """The `Lookup` of a line of text: the values of table `number` on the grid that the line states.
+
+        ends : the line's words "lower", the first nodes, "spacing", the distances; numbers are hexadecimal.
         """
         cut = ends.index("spacing")
         lower, spacing = (list(map(float.fromhex, part)) for part in (ends[1:cut], ends[cut + 1 :]))
@@ -85,10 +89,11 @@ def parsed(lines: Sequence[str], tables: Sequence[Any], coordinates: int, parame
 
 
 def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: Mapping[str, int]) -> Node:
-    """The node of one line, its operation and the words behind; ValueError with what is wrong.
+    """The node of one line of text, not simplified. ValueError, IndexError or OverflowError where the line is wrong.
 
-    nodes : those of the lines above. looked_up : makes a table of words. limits : numbers of coordinates "x" and of
-        parameters "p".
+    op : the first word, a name in `RULES`. words : the others; "power" has its exponent last, which is removed in
+    place. nodes : those of the lines above, which operands are numbers of. looked_up : makes a `Lookup` of a number and
+    the ends of its grid. limits : how many coordinates "x" and parameters "p" there are.
     """
     value: Any = None
     if op not in RULES:
@@ -113,16 +118,17 @@ def _node(op: str, words: list[str], nodes: list[Node], looked_up: Any, limits: 
 
 
 def _index(word: str, most: int) -> int:
-    """The whole number below `most` that a word spells in digits; ValueError otherwise."""
+    """The whole number from 0 to most - 1 that a word spells in decimal digits; ValueError otherwise."""
     if not (word.isascii() and word.isdecimal() and len(word) < 10 and int(word) < most):
         raise ValueError(f"{word[:40]!r} must be a whole number below {most}")
     return int(word)
 
 
 def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
-    """Whether two lists of nodes are graphs of one structure, and their constants and tables agree to `CLOSE`.
+    """Whether two lists of nodes have graphs of one structure, with constants and tables that agree to a share `CLOSE`.
 
-    What is one node in one graph may be two in the other, whose constants are nearly equal.
+    Structure counts as seen from the results: a node that is used twice may correspond to two nodes of the other graph
+    whose constants are nearly equal. Lists of different lengths are never alike.
     """
     pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
     most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
@@ -138,7 +144,9 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether two values of nodes, numbers or tables, differ by at most `CLOSE` of them."""
+    """Whether the `value`s of two nodes agree: floats to a share `CLOSE` of them, tables to `CLOSE` of the largest
+    number, others exactly.
+    """
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))
         return all(np.allclose(a, b, rtol=CLOSE, atol=CLOSE * float(np.abs(b).max())) for a, b in each)
@@ -146,11 +154,13 @@ def _near(one: Any, other: Any) -> bool:
 
 
 def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[str] = ("t",)) -> list[str]:
-    """Results as mathematics: lines, the results themselves last, one for each. What is used more than once, and is
-    long, gets a letter and a line of its own before.
+    """Results as mathematics for people to read: first lines "name = ...", last one line for each result, without a
+    name.
 
-    names, parameters : what coordinates and parameters are called. Where a result is long, its parts get numbers,
-        "[1]", and a line each.
+    An expression of more than 12 characters that is used more than once is named by a letter; one that is longer than
+    `LONG`, and is no result, by a number, as "[1]". Numbers are cut to six digits.
+
+    names, parameters : what coordinates and parameters are called.
     """
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)
@@ -158,7 +168,7 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     letters, numbers, lines, named = iter("abcdefghijklmnopqrs"), itertools.count(1), list[str](), set[str]()
 
     def inside(arg: Node, rank: int) -> str:
-        """An operand as text, in parentheses where its operation binds less than `rank`."""
+        """The operand `arg` as text, in parentheses where its operation binds less tightly than `rank`."""
         op = "neg" if arg.op == "const" and arg.value < 0 else arg.op
         binds = -1 if text[arg] in named else RULES[op].binds
         return text[arg] if binds < 0 or binds >= rank else f"({text[arg]})"

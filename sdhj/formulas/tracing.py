@@ -1,7 +1,9 @@
-"""Tracing: a function is called with arrays of nodes, and what it answers is its graph.
+"""Tracing: a user's function is called with traced arrays, whose entries are nodes, and the nodes of its answer are its
+graph.
 
-Functions that NumPy does not hand on, as np.min([f, g], axis=0) of a list, stand in a module that users' modules
-have for numpy while a function is traced; it is as ever for all other arguments and threads.
+NumPy does not hand every function on to these arrays, as np.min([f, g], axis=0) of a list. So while a function is
+traced a stand-in takes the place of the module numpy in the user's modules; for all other arguments, and for other
+threads, it behaves as numpy does.
 """
 
 import itertools
@@ -26,51 +28,59 @@ LISTS = "min max amin amax sum prod mean var std any all where clip"  # which ma
 
 
 def _joined(value: Any) -> Any:
-    """A list with traced arrays in it as one traced array; anything else as it is."""
+    """A list or tuple with traced arrays in it as one traced array with a new first axis; anything else unchanged."""
     return arrays.stacked(value) if isinstance(value, list | tuple) and holds_traced(value) else value
 
 
 def _taking_lists(original: Any) -> Callable[..., Any]:
-    """A NumPy function, `original`, as one that also takes lists with traced arrays in them."""
+    """Make a function that does what NumPy's `original` does, and also takes lists with traced arrays in them."""
     return lambda *args, **options: original(*map(_joined, args), **options)
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array of a traced array or of a list of some, of that dtype, by default its own; without `copy` it
-    may be the array itself.
+    """numpy.array of a traced array, or of a list of them, as a traced array.
+
+    dtype : by default the array's own. copy : if false, a traced array that has the type already is returned itself;
+    one without dimensions never is.
     """
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array: itself, or a copy in C order, of one dimension at least."""
+    """numpy.ascontiguousarray of a traced array, with at least one dimension: itself where its entries are in C order.
+
+    dtype : by default its own. Otherwise a copy.
+    """
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
 
 
 def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
-    """A function that makes arrays: `ours` where the first argument holds something traced, else NumPy's `original`."""
+    """Make a function that calls `ours` where its first argument holds a traced array, else NumPy's `original`.
+
+    Errors of `ours` become NotTraced.
+    """
     known = noted(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    """numpy.full_like of a traced array, `room`, by default of the type of what fills it."""
+    """numpy.full: the new traced array `room` with all entries the value; dtype : by default the value's."""
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
 def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
-    """NumPy's zeros, ones, empty or full (`name`), but, in the trace of this number, traced, so that it can be
-    written, where a length is the number of points, `rows`, or an argument is traced.
+    """Make the stand-in for np.zeros, ones, empty or full (`name`): traced where the user will write traced values.
+
+    That is guessed to be so where one of the lengths is `rows`, the number of points, or where an argument is traced.
+    trace : the number of the trace in which it does so; in others, and other threads, it is NumPy's.
     """
     original = getattr(np, name)
     filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
 
     def make_room(shape: Any, *args: Any, **options: Any) -> Any:
-        """NumPy's zeros, ones, empty or full of a shape, with its options: traced where the shape has the number
-        of points in it, or an argument is traced.
-        """
+        """NumPy's function of a shape and its other arguments; a traced array in the cases that `_allocating` names."""
         lengths = (shape,) if isinstance(shape, int | np.integer) else shape
         kind = options.get("dtype", args[name == "full"] if len(args) > (name == "full") else None)
         if state.trace != trace or kind is object or not (rows in lengths or holds_traced([*args, *options.values()])):
@@ -81,12 +91,13 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
-    """NumPy's tile, repeat or broadcast_to, `original`, but, in the trace of this number, a traced answer where
-    it has floats and a length is the number of points, `rows`.
+    """Make the stand-in for np.tile, np.repeat or np.broadcast_to (`original`): traced where it may be written.
+
+    That is so in the trace of this number, for an answer of floats with a length of `rows`, the number of points.
     """
 
     def repeat(*args: Any, **options: Any) -> Any:
-        """The original's answer; traced where it has as many rows as there are points."""
+        """The original's answer for these arguments, as a traced array in the cases that `_repeating` names."""
         answer = original(*args, **options)
         wanted = state.trace == trace and answer.dtype == np.float64 and rows in answer.shape
         return traced_array(answer) if wanted else answer
@@ -95,19 +106,22 @@ def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any
 
 
 class _Joining:
-    """Stands for np.c_ or np.r_: what is traced is joined along the last axis, as columns, or along the first."""
+    """Stands for np.c_ or np.r_, as in np.c_[a, b]: traced arrays are joined as columns, or along the first axis."""
 
     def __init__(self, original: Any) -> None:
-        """Stand for `np.r_` or `np.c_`, the original."""
+        """Stand for the given original, np.c_ or np.r_."""
         self.original, self.columns = original, original is np.c_
 
     def __getitem__(self, at: Any) -> Any:
-        """The arrays between the brackets joined: traced if one of them is, else as the original joins them."""
+        """The arrays between the brackets joined: by `_join` if one of them is traced, else by the original."""
         return self._join(at) if holds_traced([at]) else self.original[at]
 
     @noted
     def _join(self, at: Any) -> Any:
-        """numpy.r_ or numpy.c_ of arrays of which one is traced, or of a single one."""
+        """The arrays `at`, one or a tuple, of which one is traced, joined.
+
+        np.c_ joins along the last axis, vectors as columns; np.r_ joins along the first.
+        """
         parts = [np.atleast_1d(traced_array(one)) for one in (at if isinstance(at, tuple) else (at,))]
         if self.columns:
             parts = [one if one.ndim > 1 else one[:, None] for one in parts]
@@ -115,10 +129,12 @@ class _Joining:
 
 
 class _Replaced:
-    """Stands for the module numpy, or something in it: some attributes are replaced, all else is the original's."""
+    """Stands for the module numpy, or for something in it: some attributes are replaced, and all others are the
+    original's.
+    """
 
     def __init__(self, original: Any, new: dict[str, Any]) -> None:
-        """Stand for a module or function, the original, whose attributes `new` are replaced."""
+        """Stand for `original`, a module or a function. new : {name of an attribute: what replaces it}."""
         vars(self).update(new, _original=original)
 
     def __getattr__(self, name: str) -> Any:
@@ -131,7 +147,9 @@ class _Replaced:
 
 
 def _numpy(rows: int) -> _Replaced:
-    """The stand-in for the module numpy while a function is traced with so many rows."""
+    """The stand-in for the module numpy in the trace that is under way, whose function is called with so many points
+    (rows).
+    """
     as_array = partial(_array, copy=False)
     makers = {"array": _array, "asarray": as_array, "asanyarray": as_array, "ascontiguousarray": _contiguous}
     new: dict[str, Any] = {name: _taking_lists(getattr(np, name)) for name in LISTS.split()}
@@ -144,10 +162,10 @@ def _numpy(rows: int) -> _Replaced:
 
 
 def _globals_of(function: Any) -> list[dict[str, Any]]:
-    """The dictionaries of globals in which the name `np` may be looked up by a function or by the user's functions that
-    it may call: its own, those of __main__ and of the user's modules.
+    """The dictionaries of globals in which a user's function, or those that it may call, look up the name `np`.
 
-    Compiled modules are not among them: they take what np.empty gives for an array without a look at it.
+    These are the function's own (of what a decorator or partial wraps), those of __main__, and those of the user's
+    modules. Compiled modules are left out: they take what np.empty returns for an array without asking.
     """
     while inner := getattr(function, "__wrapped__", None) or getattr(function, "func", None):
         function = inner
@@ -160,8 +178,9 @@ _looked: list[Any] = [[], []]  # through which modules; and what was in those of
 
 
 def _users_modules() -> list[dict[str, Any]]:
-    """The globals of the user's modules; they are sought again only where a module has come or gone, as that
-    takes longer than a trace.
+    """The dictionaries of globals of the user's modules.
+
+    They are kept until a module has come or gone, since the search takes longer than a trace.
     """
     if _looked[0] != (modules := list(sys.modules.values())):
         _looked[:] = modules, [vars(module) for name, module in list(sys.modules.items()) if _is_users(name, module)]
@@ -169,14 +188,20 @@ def _users_modules() -> list[dict[str, Any]]:
 
 
 def _is_users(name: str, module: Any) -> bool:
-    """Whether a module is the user's: a Python file that is not installed, nor of this package (but for `sdhj.arm`)."""
+    """Whether a module is the user's: a Python file that is neither installed nor of this package.
+
+    `sdhj.arm` counts as a user.
+    """
     file = getattr(module, "__dict__", {}).get("__file__") or ""
     ours = name.startswith("sdhj.")
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
 def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """(globals, name) of each place at which a function may find the module numpy, under whichever name."""
+    """(globals, name) for each place at which a function may find the module numpy, under any name.
+
+    A stand-in for numpy counts as numpy, so that one trace within another replaces it, too.
+    """
     return [
         (names, name)
         for names in _globals_of(function)
@@ -187,8 +212,10 @@ def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
 
 @contextmanager
 def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
-    """Within it the module numpy is replaced at these places by `_numpy(rows)`; no kernel is compiled meanwhile,
-    whose code names it.
+    """A context in which `_numpy(rows)` stands for the module numpy at these places, each (globals, name).
+
+    At its end what stood there comes back. Numba's compiler lock is held meanwhile, so that no kernel is compiled whose
+    code names numpy; other threads that compile, or trace, wait.
     """
     with global_compiler_lock:
         new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
@@ -205,8 +232,9 @@ def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[N
 
 
 def points_of(count: int, rows: int) -> Traced:
-    """The points that a function is traced with, (rows, count), read-only: entry (row, k) is the leaf of
-    coordinate k of that row.
+    """The points with which a function of `count` coordinates is traced, a read-only traced array (rows, count).
+
+    Entry (row, k) is the leaf of coordinate k that belongs to point `row`; the nodes of point 0 make the formula.
     """
     entries = np.empty((rows, count), object)
     for row in range(rows):
@@ -216,15 +244,21 @@ def points_of(count: int, rows: int) -> Traced:
 
 
 def parameter(first: int, count: int | None = None) -> Traced:
-    """A traced, read-only number, parameter number `first`; or a row of `count` of them."""
+    """Parameter number `first` as a read-only traced number.
+
+    With a `count`, a traced row of so many, numbered from `first`.
+    """
     entries = np.array([leaf("p", first + d) for d in range(count or 1)], dtype=object)
     entries.setflags(write=False)
     return Traced(entries if count is not None else entries.reshape(()))
 
 
 def rows_for(*lengths: int) -> int:
-    """How many points to trace with: the least number from 3 on such that neither it nor the next one is among
-    these lengths.
+    """How many points to trace with: the least number from 3 on such that neither it nor the next one is among these
+    lengths.
+
+    lengths : those of axes that a function may confuse with the number of points; both numbers of points are used
+    (`traced`).
     """
     return next(rows for rows in itertools.count(3) if not {rows, rows + 1}.intersection(lengths))
 
@@ -238,16 +272,34 @@ def traced(
     per_point: bool,
     again: bool = True,
 ) -> tuple[list[Node], tuple[int, ...]]:
-    """The nodes of what a function answers for one point, flattened, and the shape of that; name : of the function, for
-    messages.
+    """The nodes of a function's answer for one point, flattened, and the shape of that answer.
 
-    It is called with `arguments(rows)`: traced arrays, and numbers or read-only arrays. Its answer has a leading
-    dimension where it is `per_point`, which may lack where it reads no point, and then that `shape`, or any for None;
-    of a level set, (), it may not. Called `again` with one point more it answers differently where it hangs on their
-    number, on chance, or on earlier calls.
+    The function is called with `rows` points and, if `again`, with one more: its answer must not depend on their
+    number, on chance or on earlier calls, nor may that for one point depend on another point.
 
-    NotTraced where the function does something that formulas do not know, or treats points differently; ValueError
-    where its answer has another shape.
+    Parameters
+    ----------
+    name : str
+        What the function is, for messages.
+    function : callable
+    rows : int
+        How many points to trace with, from `rows_for`.
+    arguments : callable
+        arguments(number of points) -> the function's arguments: traced arrays, numbers or read-only arrays.
+    shape : sequence of int, or None
+        Of the answer for one point; () for a level set, None for any.
+    per_point : bool
+        Whether the answer has a leading axis for the points. An answer that reads no coordinate may lack it: it has
+        this `shape`, which must not be (), or one axis where `shape` is None.
+    again : bool
+        Whether the function is called a second time.
+
+    Raises
+    ------
+    NotTraced
+        If the function does something that formulas do not know, or treats points differently.
+    ValueError
+        If its answer has another shape, is None or has truth values.
     """
     found, places = list[list[Node]](), _places(function)
     try:
@@ -279,8 +331,10 @@ def traced(
 
 
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
-    """Whether the nodes `other`, of point number `row`, are those of point 0, `first`, with the coordinates of
-    that point, and read no third one.
+    """Whether a function answers for point number `row` as for point 0, each with its own coordinates.
+
+    first, other : the nodes of the answers for point 0 and for point `row`. False, too, where either reads a third
+    point.
     """
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
@@ -303,11 +357,13 @@ def _traced_answer(
     arguments: Callable[[int], Sequence[Any]],
     places: list[tuple[dict[str, Any], str]],
 ) -> Any:
-    """The entries, an object array of nodes, of what a function answers to `arguments(rows)`, NumPy replaced at
-    `places`.
+    """Call a function once, as a trace of its own; the object array of nodes that it answers.
 
-    NotTraced where anything has refused meanwhile; the function's own errors, with a note; ValueError for None and for
-    truth values. name : for messages.
+    arguments : arguments(rows) -> its arguments. places : (globals, name), at which NumPy is replaced meanwhile. name :
+    what the function is, for messages. The thread's `state` is set for the trace and restored after it.
+
+    NotTraced where anything was refused meanwhile, even if the function caught it; the function's own exception, with a
+    note; ValueError for None and for truth values.
     """
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0

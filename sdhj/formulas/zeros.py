@@ -1,12 +1,13 @@
-"""Zeros have signs to NumPy, and of all that a formula may do arctan2 alone tells them apart: pi and -pi, 0 and pi.
+"""The signs of zeros: NumPy's zeros have them, and of all that a formula may do arctan2 alone depends on them: pi or
+-pi, 0 or pi.
 
 Where y or x is 0 on a line or at a point only, a formula has an answer for both signs, as they come, and its bounds
-hold all. Where y is 0 in a whole region, as np.maximum(y, 0.0) is, the sign is that of a computed zero, of which
-formulas keep no account: they add no zeros, and 0 times x is 0 to them. `signs` says whether there can be such a
-region, and which sign is beyond doubt there.
+hold all of these. Where y is 0 in a whole region, as np.maximum(y, 0.0) is, the sign is that of a computed zero, which
+formulas do not keep: they add no zeros, and 0 times x is 0 to them. `signs` says whether there can be such a region,
+and which sign is beyond doubt there.
 
-While a function is traced the constant `ZERO_OF_ANY_SIGN` stands in place of 0 where a zero may be -0.0; no formula
-has it.
+While a function is traced the constant `ZERO_OF_ANY_SIGN` stands in place of 0 where a zero may be -0.0; `unsigned`
+removes it from the finished formula.
 """
 
 import math
@@ -27,22 +28,24 @@ POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
 
 
-def is_negative(value: Any) -> bool:
-    """Whether a value is the float -0.0."""
+def is_negative_zero(value: Any) -> bool:
+    """Whether a value is a Python or NumPy float that is -0.0; no other negative number counts."""
     return isinstance(value, float) and value == 0.0 and math.copysign(1.0, value) < 0
 
 
 def unsigned(outputs: Sequence[Node]) -> list[Node]:
-    """The nodes with 0 in place of `ZERO_OF_ANY_SIGN`."""
+    """The nodes with 0 in place of `ZERO_OF_ANY_SIGN`, wherever they contain it."""
     return rebuilt(outputs, {ZERO_OF_ANY_SIGN: ZERO}.get) if ZERO_OF_ANY_SIGN in ordered(outputs) else list(outputs)
 
 
 def signs(one: Node, values: Values) -> set[float]:
-    """Which signs, 1.0 and -1.0, the zeros of a node may have that are more than a line or a point; empty where there
-    are none. values : evaluates nodes at random points.
+    """The signs that NumPy's zeros of a node may have where the node is 0 in a whole region: a subset of {1.0, -1.0}.
 
-    Between its choices a node is smooth, so it is 0 in a region only where it is so at random points, whichever way it
-    is chosen. Nothing is said of nodes with more than `MOST_CHOSEN` ways.
+    Both where the sign is in doubt; empty where no region of zeros is found, and for a node with more than
+    `MOST_CHOSEN` ways to choose, of which nothing is known.
+
+    values : a function that evaluates a list of nodes at random points, (nodes, points). Between the choices of its
+    operations a node is smooth, so it is 0 in a region only where one of its ways (`_ways`) is 0 at random points.
     """
     if one.op != "const" and not any(RULES[each.op].pieces for each in ordered([one])):
         return set()
@@ -57,8 +60,11 @@ def signs(one: Node, values: Values) -> set[float]:
 
 
 def _ways(one: Node) -> list[Node]:
-    """The nodes that a node becomes, one for each combination of what its operations may choose (an operand, 0 or
-    1), not simplified or rounded; at most `MOST_CHOSEN` + 1 of them.
+    """What a node becomes for each combination of the choices that its operations have.
+
+    At most `MOST_CHOSEN` + 1 nodes. The choices: one operand of `Rule.chooses`, 0 or 1 of a truth value, the rounded
+    number or 0 of "floor", the interpolated number or 0 of a table with zeros. Nodes are neither simplified nor
+    computed.
     """
     found = dict[Node, list[Node]]()
     for each in ordered([one]):

@@ -56,7 +56,7 @@ class Ball:
     sides: int = 8
 
     def __post_init__(self) -> None:
-        """Check radius and sides; ValueError where one does not fit."""
+        """Check radius and sides; a number becomes a float. ValueError where one does not fit."""
         if not callable(self.radius):
             object.__setattr__(self, "radius", number("radius", self.radius, least=0.0))
         if whole("sides", self.sides, least=4, most=MOST_SIDES) % 2:
@@ -64,15 +64,18 @@ class Ball:
 
     @property
     def directions(self) -> FloatArray:
-        """Unit vectors along which the polygon's K = sides / 2 pairs of sides run, (2, K): (cos(pi k / K), sin(pi k /
-        K)).
+        """Unit vectors along which the K = sides / 2 pairs of sides run: (2, K).
+
+        (cos(pi k / K), sin(pi k / K)) for k = 0 to K - 1.
         """
         angles = 2 * np.pi / self.sides * np.arange(self.sides // 2)
         return np.stack([np.cos(angles), np.sin(angles)])
 
     def bounds(self) -> Any:
-        """Half-widths radius tan(pi / (2 K)) of the K components along the sides: an array (K,), or a function of what
-        `radius` is one of; ValueError where that does not take what bounds may.
+        """Half-widths radius tan(pi / (2 K)) of the K components along the sides, as `Dynamics.bounds` may be given.
+
+        An array (K,); or, for a function `radius`, a function of the same arguments -> (M, K). ValueError where the
+        radius takes other arguments than bounds may.
         """
         share = np.full(self.sides // 2, np.tan(np.pi / self.sides))
         if not callable(self.radius):
@@ -82,8 +85,11 @@ class Ball:
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:
-        """The gain (ndim, K) of the components along the sides, of the `given` one (ndim, 2) of v: gain @ `directions`;
-        a function of one for a function. ValueError for a black box and for other shapes.
+        """The gain of the K components along the sides: given @ `directions`, (ndim, K), for a gain (ndim, 2) of v.
+
+        given : an array, or a function that returns (M, ndim, 2), of which a function of the same arguments is made;
+        that one raises ValueError when it is called, where there are not two columns. ValueError for a black box and
+        for arrays of other shapes.
         """
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
@@ -95,30 +101,37 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """The `given` velocity, a function of v (2,), as one of the K components w along the sides: v =
-        `directions` @ w.
+        """The `given` velocity, a function that takes v (2,), as a function of the K components w along the sides: v =
+        directions @ w.
+
+        Another function is returned as it is.
         """
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
 
     def in_polar(self, given: Any) -> tuple[Any, Any]:
-        """The `given` velocity of v as one of (a, b), where v = a (cos b, sin b), and the bounds of these,
-        (radius, pi / 2): an array, or a function where the radius is one.
+        """The `given` velocity as a function of (a, b) in place of v = a (cos b, sin b), and the bounds (radius, pi /
+        2) of a and b.
+
+        The bounds are an array (2,), or a function of the radius's arguments -> (M, 2). A velocity that does not take v
+        is returned as it is.
         """
         velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
             return velocity, np.array([radius, np.pi / 2])
 
         def most(*found: Any) -> Any:
-            """The bounds of a and b, (M, 2) or (2,), for what a radius is a function of."""
+            """The bounds (radius, pi / 2) of a and b, (M, 2) or (2,), for the arguments of the radius."""
             far = radius(*found)
             return np.stack([far, 0.0 * far + np.pi / 2], axis=-1)
 
         return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
-        """The gain (..., ndim, 2) of v as that of the components along the sides, (..., ndim, K); ValueError if it has
-        not two columns.
+        """The gain (..., ndim, 2) of v, also traced, as that of the components along the sides: gain @ `directions`,
+        (..., ndim, K).
+
+        ValueError unless it has two columns.
         """
         if gain.shape[-1] != 2:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
@@ -127,8 +140,9 @@ class Ball:
 
 
 def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """The `given` velocity, a function that may take v, as one of other components: `disturbance` makes the list
-    of v's components of them. What does not take v is returned as it is.
+    """The `given` velocity as a function of other components w in place of v; itself where it does not take v.
+
+    disturbance : w -> the list of the components of v. The function takes the same arguments, w in the place of v.
     """
     takes = arguments("velocity", given)
     if "v" not in takes:
@@ -136,7 +150,7 @@ def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
     place = takes.index("v")
 
     def velocity(*found: Any) -> Any:
-        """The given velocity, called with v made of the other components."""
+        """The given velocity, called with the v that `disturbance` makes of the components in its place."""
         return given(*found[:place], np.stack(disturbance(found[place])), *found[place + 1 :])
 
     return wraps(given)(velocity)

@@ -40,19 +40,21 @@ MOST_SQUARES = 8_000
 
 
 class Part(NamedTuple):
-    """A convex body, or all that is beyond a line (then it has no corners, and one edge), with outward normals n
-    of its edges, n . q <= offset within.
+    """A convex body, or a half-plane, by its corners and edges: its points q have normal . q <= offset for all edges.
+
+    A segment has edges to both sides and beyond both ends, a point has none, a half-plane one edge and no corner.
     """
 
-    corners: FloatArray  # (K, 2)
-    normals: FloatArray  # (E, 2), of the edges, outward
-    ends: FloatArray  # (E, 2): from where to where an edge goes, along itself
+    corners: FloatArray  # (K, 2), counter-clockwise
+    normals: FloatArray  # (E, 2), outward unit vectors of the edges
+    ends: FloatArray  # (E, 2), of each edge the coordinates of its begin and end along itself, the normal turned left
     offsets: FloatArray  # (E,)
 
 
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
-    """The convex `Part` with these corners (K, 2), counter-clockwise; of two the segment, of one the point. Its edges,
-    not its corners, are moved outward by `larger`.
+    """The convex `Part` with these corners (K, 2), counter-clockwise: of two the segment, of one the point.
+
+    larger : by how much its edges, but not its corners, are moved outward; not for a point.
     """
     if len(corners) == 1:
         return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
@@ -66,7 +68,7 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
 
 
 def beyond(normal: Any, offset: float) -> Part:
-    """The `Part` of all points q with normal . q >= offset; normal (2,) of length 1."""
+    """The half-plane of all points q with normal . q >= offset, as a `Part`; normal (2,) of length 1, offset in m."""
     return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
 
 
@@ -113,7 +115,11 @@ class Body:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
-        """Check vertices, radius and pose; ValueError where one does not fit."""
+        """Check vertices, radius and pose, and cut the body into its parts.
+
+        Vertices become a read-only copy, two equal ones a point. ValueError where one does not fit; ImportError for a
+        polygon without Shapely.
+        """
         vertices = finite_array("vertices of a body", self.vertices)
         if vertices.ndim != 2 or vertices.shape[1:] != (2,) or not len(vertices):
             raise ValueError(f"vertices of a body must have shape (K, 2), one of them at least, got {vertices.shape}")
@@ -128,15 +134,17 @@ class Body:
 
     @cached_property
     def parts(self) -> list[Part]:
-        """The convex parts that the body consists of, in its own frame, without its radius; ImportError without Shapely
-        if it is a polygon.
+        """The convex parts that the body consists of, in its own frame, without its radius; made once.
+
+        ImportError without Shapely if it is a polygon.
         """
         return [part(self.vertices)] if len(self.vertices) < 3 else parts_of(outline(self.vertices))
 
     @cached_property
     def outside(self) -> list[Part]:
-        """The convex parts of all that is outside of the polygon: four half-planes beyond the sides of the box around
-        it, and what is between the two.
+        """The convex parts of all that is outside of a polygon, in its own frame; made once.
+
+        Four half-planes beyond the sides of the box around it, and what is between box and polygon.
         """
         shape = outline(self.vertices)
         left, low, right, high = shape.bounds
@@ -144,8 +152,9 @@ class Body:
         return [*sides, *parts_of(around(shape))]
 
     def placed(self, points: Any, t: Any) -> Sequence[Any]:
-        """The body's pose at points (M, axes) and time t: x, y and heading, each (M,) or a number; without a `pose` the
-        first three coordinates. ValueError where the function does not return three.
+        """The body's pose at points (M, axes) and time t: x, y, heading, each (M,) or a number.
+
+        Without a `pose` the first three coordinates. ValueError where the pose does not return three.
         """
         if self.pose is None:
             return points[:, 0], points[:, 1], points[:, 2]
@@ -159,8 +168,10 @@ class Body:
 
 
 def parts_of(shape: Any) -> list[Part]:
-    """The convex parts of polygons of Shapely; if they are several, their edges are a little farther out, so that no
-    point between two is lost by rounding.
+    """The convex parts of one or more polygons of Shapely.
+
+    If they are several, their edges are moved outward by `ROUNDING` of their size, so that no point between two is lost
+    by rounding.
     """
     whole = convex_parts(shape)
     size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
@@ -168,8 +179,9 @@ def parts_of(shape: Any) -> list[Part]:
 
 
 def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
-    """a . R b, for vectors (2,) and R that turns by the heading, (M,) or a number: |a| |b| cos(heading + phase), as one
-    cosine.
+    """a . R b for vectors (2,) and R, which turns by the heading, (M,) or a number: |a| |b| cos(heading + phase).
+
+    As one cosine rather than two products, which has tight bounds over intervals of the heading; 0.0 where a or b is 0.
     """
     cosine, sine = float(a @ b), float(a[0] * b[1] - a[1] * b[0])
     if cosine < 0.0 or (cosine == 0.0 and sine < 0.0):  # opposite ones share a node
@@ -179,9 +191,12 @@ def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
 
 
 def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
-    """Signed distance (M,) between the part `a` of a body at a pose x, y, heading, each (M,) or a number, and the part
-    `b`, which stands still: max over edges of the least distance of the other's corners beyond them where they meet,
-    else the distance of corners to edges; see the module.
+    """Signed distance, (M,), between a part `a` in a frame with the pose x, y, heading, and the part `b`, which stands
+    still.
+
+    Where the two meet: max over all edges of the least distance of the other part's corners beyond the edge, negative.
+    Else the least distance of a corner to an edge. From a half-plane b it is that max everywhere. x, y, heading : (M,)
+    or numbers, also traced. The module has the derivation.
     """
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
@@ -215,8 +230,9 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose (x, y, heading) as seen from the frame `other`, a pose too: R(-turned) (x - a, y - b), heading -
-    turned.
+    """The pose (x, y, heading) as seen from a frame with the pose other = (a, b, turned).
+
+    (R(-turned) (x - a, y - b), heading - turned); numbers, or arrays (M,), also traced.
     """
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
@@ -229,8 +245,12 @@ Footprint = Any  # vertices, a Body, or several
 
 
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
-    """The bodies of a robot: a footprint that is a Body, several, or vertices (K, 2); `POINT` for None. ValueError
-    where it is none of these, or has no pose of its own and its set's axes are not three.
+    """The bodies of a robot from what a user gives as its footprint: a Body, several, or vertices (K, 2).
+
+    [`POINT`] for None.
+
+    axes : those of the set, of which there must be three if a body has no pose of its own; else ValueError, as for all
+    else that is given.
     """
     if given is None:
         return [POINT]
@@ -248,12 +268,17 @@ def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
 def body_level_set(
     robot: Sequence[Body], parts: Sequence[Part], obstacle: Body
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Level-set function (points (M, axes), t) -> (M,): the least signed distance of a part of the robot to one of the
-    parts of an obstacle, which has a pose if it moves, less the radius of both.
+    """Make the level-set function (points (M, axes), t) -> (M,) of the states in which a robot meets an obstacle.
+
+    The least signed distance between a part of the robot and one of `parts`, less the radius of both bodies. robot :
+    its bodies. parts : those of the obstacle, or of what is outside of it. obstacle : has their pose, if it moves, and
+    their radius.
     """
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least signed distance (M,) of a part of the robot to one of the obstacle, less the radius of both."""
+        """The least signed distance (M,) between robot and obstacle at points (M, axes) and time t, less the radius of
+        both.
+        """
         place, found = obstacle.placed(points, t) if obstacle.pose else None, list[Any]()
         for body in robot:
             at = body.placed(points, t)
@@ -266,13 +291,12 @@ def body_level_set(
 
 
 def cover(body: Body, tolerance: float) -> FloatArray:
-    """Disks (K, 3), x, y and radius, that cover a polygon, a segment or a point, without its radius, and reach at most
-    `tolerance` beyond it, m.
+    """Disks (K, 3), x, y and radius in the body's frame, that cover a body and reach at most `tolerance` beyond it, m.
 
-    The body is cut into squares, halved until one is small beside how deep it lies, or beside the tolerance. A disk may
-    be about the middle of any of them, as large as it is deep, and a tolerance more; of these, one after the other, the
-    one is taken that covers the most squares that are left. A square counts as covered where its corners are.
-    ValueError where that takes more than `MOST_SQUARES` squares.
+    The body's radius is left out. The body is cut into squares, halved until one is small beside how deep it lies, or
+    beside the tolerance. Each square's middle may have a disk, as large as it is deep and a tolerance more, of which
+    `chosen` takes some. A square is covered where one disk has all its corners. ValueError where that takes more than
+    `MOST_SQUARES` squares.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])
@@ -298,11 +322,11 @@ def cover(body: Body, tolerance: float) -> FloatArray:
 
 
 def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Disks (K, 3), x, y and radius, that cover the corners of all squares, middles `squares` (M, 2) and half sides
-    (M,).
+    """Disks (K, 3), x, y and radius, some of those about the squares' middles, such that each square is covered by one
+    disk.
 
-    They are some of the disks about these middles with `radii` (M,), taken greedily: each time the one that covers the
-    most squares that are left.
+    squares (M, 2) : middles. halves (M,) : half of the sides. radii (M,) : of the disks. Greedy: each time the disk is
+    taken that covers the most squares that are left.
     """
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
@@ -321,9 +345,7 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
 
 
 def depths(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body in its own frame, its radius left out, (M,): minus the signed
-    distance, so negative outside.
-    """
+    """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,)."""
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
@@ -333,15 +355,18 @@ def depths(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Level-set function (points (M, axes), t) -> (M,) of a robot on a map: the least of distance(middle) - radius over
-    disks that cover its bodies.
+    """Make the level-set function (points (M, axes), t) -> (M,) of the states in which a robot meets what a map shows
+    as unsafe.
 
-    distance : signed distance (x, y) -> (M,) in the map's frame, whose pose is `origin`. tolerance : see `cover`.
+    The least of distance(middle) - radius over disks that cover the robot's bodies (`cover`, with the tolerance), less
+    the bodies' radii. distance : signed distance (x, y) -> (M,) in the map's frame, whose pose (x, y, yaw) is `origin`.
     """
     disks = [(body, cover(body, tolerance)) for body in robot]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The least of the map's distance at a disk's middle, less the radii of disk and body: (M,)."""
+        """The least of the map's distance at a disk's middle, less the radii of disk and body, at points (M, axes):
+        (M,).
+        """
         found = list[Any]()
         for body, some in disks:
             x, y, heading = relative(body.placed(points, t), origin)

@@ -25,10 +25,9 @@ TOGETHER = 2**20  # numbers, of functions that are kept at a time where there ar
 
 
 def nodes_read(cells: float) -> int:
-    """How many nodes to each side are read for a shift by up to `cells`, or a maximum over a box that reaches so far; 0
-    where nothing moves.
+    """How many nodes to each side are read for a shift by up to `cells` >= 0 cells, or the maximum over so large a box.
 
-    That is floor(cells) + 2, the last of them for the limited second difference.
+    floor(cells) + 2, as the limited second difference reads one node more; 0 for 0 cells.
     """
     return math.floor(cells + 1e-9) + 2 if cells else 0
 
@@ -37,13 +36,27 @@ def nodes_read(cells: float) -> int:
 def intervals(
     nodes: int, periodic: bool, spans: Spans, limited: bool, dtype: str, some: tuple[int, int] | None = None
 ) -> tuple[FloatArray, ...]:
-    """The arrays taps, weight, between and point of `Leaves`, for the intervals [x + low, x + high] around each node x
-    of an axis of so many nodes, or of a window of it; `spans` has (low, high) of each, in cells.
+    """The arrays taps, weight, between and point of `Leaves` for the intervals [x + low, x + high] around the nodes x
+    of an axis.
 
-    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. limited : whether
-    interpolation has the limited second difference, else it is linear; dtype : of the weights.
-    some : of a window its first node, and how many it has. To the last bit it does not matter which: what is farther
-        off than the window's ends is taken from there.
+    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. The arrays are kept
+    by the arguments: do not write to them.
+
+    Parameters
+    ----------
+    nodes : int
+        On the whole axis.
+    periodic : bool
+    spans : tuple of (low, high)
+        The intervals, in cells.
+    limited : bool
+        Whether interpolation is linear plus t (t - 1) / 2 times the limited second difference, which is the lesser in
+        magnitude of those around the two nodes, 0 where their signs differ; else it is linear.
+    dtype : str
+        Of the weights.
+    some : (first, count), optional
+        Nodes of a window alone, numbered from its first one. Its weights are those of the whole axis, to the bit; what
+        lies outside the window is read at its end.
     """
     x = np.arange(nodes)[:, None] + np.array(spans)[:, None]  # (intervals, nodes, 2)
     if not periodic:
@@ -69,28 +82,31 @@ def intervals(
 
 
 class Maxima(NamedTuple):
-    """Maxima of functions over boxes, from box number `first` on, done but for one axis: what `maximum_of_intervals`
-    makes of them.
+    """Maxima of functions over boxes, some of the boxes, taken along all axes but one.
+
+    `of` and `split` make the last step.
     """
 
-    first: int  # of the boxes
-    number: int
-    values: FloatArray  # (functions, *shape)
-    axis: int  # of the shape, which is left
-    leaves: Leaves  # of the boxes
+    first: int  # the number of the first of these boxes
+    number: int  # how many boxes they are
+    values: FloatArray  # (functions, *shape): the maxima along the other axes
+    axis: int  # the axis of the shape along which maxima are still to be taken
+    leaves: Leaves  # a leaf for each box: of which function, and over which interval of this axis
 
     @property
     def split(self) -> FloatArray:
-        """The values with the axes before and those behind the one that is left joined: (functions, A, n, B), a
-        view.
+        """A view of the values, (functions, A, n, B), n nodes on the axis that is left, as `maximum_of_intervals` takes
+        them.
         """
         count, *shape = self.values.shape
         before, behind = math.prod(shape[: self.axis]), math.prod(shape[self.axis + 1 :])
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes, (boxes, *shape), a new array; or written `into` one, where, if `raised`,
-        only what is greater than what was there.
+        """The maxima over some of the boxes (a slice of them), (boxes, *shape).
+
+        into : an array of this shape, written in place and returned; by default a new one. raised : keep in `into` what
+        is greater there than the maximum.
         """
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
@@ -101,8 +117,10 @@ class Maxima(NamedTuple):
 
 
 class Level(NamedTuple):
-    """Maxima along one axis of the grid over `spans`, (low, high) in its unit: leaf i is that of function parent[i]
-    over spans[which[i]].
+    """The maxima that are taken along one axis: leaf i is that of function parent[i] over spans[which[i]].
+
+    spans : different intervals (low, high) around a node, in the unit of the axis. The leaves of one level are the
+    functions of the next.
     """
 
     axis: int
@@ -113,8 +131,9 @@ class Level(NamedTuple):
 
 @lru_cache(maxsize=16)  # the same at every step
 def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
-    """A level's intervals as arrays, for the nodes from `begin` to `end` of its axis; limited, dtype: see
-    `intervals`.
+    """The `Leaves` of a level, for the nodes from `begin` to `end` (not included) of its axis of the grid, or window.
+
+    limited, dtype : as `intervals` takes them. The result is kept by the arguments.
     """
     axis, n = level.axis, grid.shape[level.axis]
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
@@ -126,12 +145,14 @@ def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end
 
 @lru_cache(maxsize=64)
 def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
-    """How to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
+    """In which order to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
 
-    corners : the bytes of the boxes' lower and upper ends, (count, ndim, 2) float64. most : functions that may stand at
-        a time. Returns, for each run of successive boxes, the number of its first and its levels. The axes with the
-        fewest different intervals go first; runs are of eights, so long that no more than `most` functions stand before
-        the last level.
+    Returns (number of its first box, its levels) for each run of successive boxes. The axes with the fewest different
+    intervals go first. Runs are multiples of eight boxes, as long as at most `most` functions stand before the last
+    level. Kept by the arguments.
+
+    corners : the bytes of (count, ndim, 2) float64, lower and upper ends around a node in the axes' units. count : how
+    many boxes.
     """
     spans = np.frombuffer(corners).reshape(count, -1, 2)
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
@@ -163,11 +184,25 @@ def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Lev
 def maxima(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j], for the rows j of low, high (L, ndim), in
-    the axes' units, some of them at a time, in their order.
+    """Yield the maxima of `values` over the boxes [x + low_j, x + high_j] around the nodes x, for some successive j at
+    a time.
 
-    values (*shape), on a padding at most `most_on_padding`. interpolation : one of `INTERPOLATIONS`. Where only some
-    nodes are `wanted`, by axis, the others are dropped as soon as that axis is done.
+    Parameters
+    ----------
+    grid : Grid
+    values : (*grid.shape) array
+        Read as at most `most_on_padding`.
+    low, high : (L, ndim) arrays
+        In the axes' units.
+    interpolation : str
+        One of `INTERPOLATIONS`.
+    wanted : sequence of slice, optional
+        For each axis the nodes at which maxima are wanted; by default all.
+
+    Yields
+    ------
+    Maxima
+        Of the boxes from `first` on, in their order. Its last step is left to its `of`.
     """
     corners, values = np.stack([low, high], axis=2).astype(float), out_of_danger(grid, np.asarray(values))
     for first, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -184,8 +219,10 @@ def maxima(
 
 
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
-    """Operations (`sdhj.problem.cost`) of `maxima` over the boxes with corners low, high (L, ndim): a node of a
-    leaf looks at four others, and at those between.
+    """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
+
+    For each node and interval `A_READ` times (4 + the nodes between, once around at most). low, high : in the axes'
+    units.
     """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -199,8 +236,9 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
 def maximum_over_boxes(
     grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` over the box [x + low_j, x + high_j]) for every row j of low, high (L, ndim):
-    (*shape), or the `wanted` nodes. See `maxima`, whose arguments these are.
+    """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] around each node x) for j from 0 to L - 1.
+
+    The maxima have the grid's shape, or that of the `wanted` nodes. Arguments as of `maxima`.
     """
     for some in maxima(grid, values, low, high, interpolation, wanted):
         for begin in range(0, some.number, EIGHT):
@@ -208,8 +246,11 @@ def maximum_over_boxes(
 
 
 def crossings(half: FloatArray) -> FloatArray:
-    """Points of the segment from -half to half around a node, half (ndim,) in cells: its ends, and where it
-    crosses planes of nodes: (P, ndim), along the segment.
+    """Points (P, ndim) of the segment from -half to half around a node, in cells: its ends, and where it crosses planes
+    of nodes.
+
+    half (ndim,) in cells. The points are ascending along the segment, without repetition, and on nodes exactly where
+    they are so up to 1e-9.
     """
     each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
     shares = np.concatenate([[-1.0, 1.0], *each])
@@ -218,10 +259,12 @@ def crossings(half: FloatArray) -> FloatArray:
 
 
 def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, interpolation: str) -> FloatArray:
-    """The maximum (*shape) of `values` (*shape) over x + the sum of the segments from -half to half, halves (K, ndim)
-    in the axes' units: one segment after another, at its `crossings`.
+    """The maximum (*shape) of `values` (*shape) over x + the sum of the segments from -half to half, around each node
+    x.
 
-    It is taken of values that go on past walls, where all is as at the wall, and only at the end at the grid's nodes.
+    It is taken over one segment after another, at its `crossings`, of values that go on past walls as at the wall;
+    values past the walls are dropped at the end only. halves (K, ndim), in the axes' units. interpolation : one of
+    `INTERPOLATIONS`.
     """
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
@@ -239,8 +282,9 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 
 @lru_cache(maxsize=64)
 def most_on_padding(grid: Grid) -> FloatArray | None:
-    """What values on a padding may be at most: minus the distance past safe ends, +inf at nodes past none; (*shape).
-    None where the grid has no padding.
+    """What values at the nodes may be at most, (*shape): minus the distance past a safe end, +inf at nodes past none.
+
+    None where the grid has no padding. Made once for each grid.
     """
     if not np.any(grid.padding):
         return None
@@ -249,6 +293,6 @@ def most_on_padding(grid: Grid) -> FloatArray | None:
 
 
 def out_of_danger(grid: Grid, values: FloatArray) -> FloatArray:
-    """Values (*shape), at most `most_on_padding`: a new array, or `values` themselves where the grid has no padding."""
+    """Values (*shape) lowered to `most_on_padding`: a new array, or `values` itself where the grid has no padding."""
     most = most_on_padding(grid)
     return values if most is None else np.minimum(values, most, dtype=values.dtype)

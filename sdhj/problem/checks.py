@@ -17,11 +17,16 @@ KNOWN = {name: ("points", "u", "t") for name in ("drift", "gain", "bounds")} | {
 
 
 class Options:
-    """Base of dataclasses of options: an unknown name is refused, with where it belongs or with all that there are."""
+    """Base of dataclasses of options: an unknown keyword is a TypeError that says what to write.
+
+    A field whose default_factory is another class of options is a part of them.
+    """
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
-        """A new object; TypeError for a keyword that is none of its fields, which says in which part of its options
-        that belongs, or lists those that there are.
+        """A new object, whose fields the dataclass then sets.
+
+        TypeError for a keyword that is none of its fields: it says in which part of the options the keyword belongs,
+        with the value checked there, or else lists the fields.
         """
         for name, value in given.items():
             if name not in options_of(cls):
@@ -31,13 +36,15 @@ class Options:
 
 
 def options_of(kind: Any) -> dict[str, Any]:
-    """The fields of a dataclass of options that can be given when it is made, by name."""
+    """The fields of a dataclass that can be given when it is made: {name: dataclasses.Field}."""
     return {one.name: one for one in fields(kind) if one.init}
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """How an option of a part of the dataclass `kind` is written, "it belongs to PART=sdhj.CLASS(NAME=...)", and what
-    is wrong with its value; "" if no part has it.
+    """Advice for an option `name` of a part of the class `kind`: "it belongs to PART=sdhj.CLASS(NAME=...)".
+
+    Parts are looked through at any depth. What is wrong with the value there is added to it. "" if no part has such an
+    option.
     """
     for part in options_of(kind).values():
         inner = part.default_factory
@@ -56,7 +63,10 @@ def belonging_to(kind: Any, name: str, value: Any) -> str:
 
 
 def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.inf, most: float = np.inf) -> float:
-    """`value` as a finite float with least <= value <= most and value > above; ValueError naming it otherwise."""
+    """`value` as a finite float with least <= value <= most and value > above; ValueError, naming it, otherwise.
+
+    Booleans, text, dates and arrays are refused, even where they could be converted.
+    """
     try:
         if isinstance(value, bool | np.bool_ | str | bytes | np.ndarray | np.datetime64 | np.timedelta64):
             raise TypeError
@@ -77,7 +87,7 @@ def number(name: str, value: Any, *, least: float = -np.inf, above: float = -np.
 
 
 def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float]:
-    """`value` as two finite floats, both greater than `above`; ValueError naming it otherwise."""
+    """`value`, of shape (2,), as two finite floats, each above `above`; ValueError, naming it, otherwise."""
     try:
         fits = np.shape(value) == (2,)
     except ValueError:  # a ragged sequence has no shape
@@ -88,7 +98,10 @@ def pair(name: str, value: Any, *, above: float = -np.inf) -> tuple[float, float
 
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
-    """`value` as an int from `least` to `most`, both included; ValueError naming it otherwise. 8.0 counts as 8."""
+    """`value` as an int with least <= value <= most (None: no limit); ValueError, naming it, otherwise.
+
+    A float without a fraction counts, 8.0 as 8; a boolean does not.
+    """
     if type(value) is int and least <= value and (most is None or value <= most):  # at once
         return value
     fits = isinstance(value, int | np.integer) or (isinstance(value, float | np.floating) and value.is_integer())
@@ -100,8 +113,9 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 
 def plain_array(name: str, values: Any) -> NDArray[Any]:
-    """`values` as NumPy's array, not copied if it is one; ValueError naming it for ragged sequences, and for masked
-    arrays, whose mask NumPy would drop.
+    """`values` as NumPy's array of any dtype, the same object if it is one.
+
+    ValueError, naming it, for rows of different lengths, and for masked arrays, whose mask NumPy would drop.
     """
     if isinstance(values, np.ma.MaskedArray):
         raise ValueError(f"{name} must be real numbers, got a masked array; remove the mask, for example by filled()")
@@ -112,9 +126,10 @@ def plain_array(name: str, values: Any) -> NDArray[Any]:
 
 
 def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous copy of `values` as float64, of that shape if one is given; ValueError, naming it, otherwise.
+    """A C-contiguous float64 copy of `values`, of that shape if one is given; ValueError, naming it, otherwise.
 
-    Complex numbers, dates and text are refused, though NumPy would convert some of them. NaN and infinity are not.
+    Booleans, complex numbers, dates and text are refused, though NumPy would convert some of them. NaN and infinity
+    pass.
     """
     given = values if type(values) is np.ndarray else plain_array(name, values)
     if given.dtype.kind not in "fiu":
@@ -126,9 +141,7 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """A C-contiguous copy of `values` as float64, of that shape if one is given, every value finite; ValueError, naming
-    it, otherwise.
-    """
+    """`real_array`, with a ValueError, naming it, also where a value is NaN or infinite."""
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -136,8 +149,9 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -
 
 
 def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A copy of points (M, ndim) as float64, which may have NaN; ValueError, naming it, for another shape or what is no
-    real number.
+    """A float64 copy of points (M, ndim), which may have NaN and infinities.
+
+    ValueError, naming it, for another shape, also for a single state (ndim,), and for what are no real numbers.
     """
     points = real_array(name, values)
     if points.shape[1:] != (ndim,):
@@ -146,8 +160,8 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """A copy of states (M, ndim) as float64, every value finite; ValueError, naming it and the first state that
-    is not.
+    """`points_array`, with a ValueError, naming it and the first such state, also where a coordinate is NaN or
+    infinite.
     """
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
@@ -157,7 +171,7 @@ def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def sealed(array: Any) -> Any:
-    """A read-only view of an array, which itself stays as it is; anything else is returned unchanged."""
+    """A read-only view of an array, which itself stays writable; anything else is returned unchanged."""
     if isinstance(array, np.ndarray):
         array = array.view()
         array.setflags(write=False)
@@ -165,22 +179,27 @@ def sealed(array: Any) -> Any:
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError, naming it and all that is `allowed`, if `value` is none of these, or of another type."""
+    """Raise ValueError, naming it and all that is `allowed`, unless `value` is one of these, and of the type of the
+    first.
+    """
     if type(value) is not type(allowed[0]) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")
 
 
 def one_line(text: str, most: int = 500) -> str:
-    """A message, of which a file may be the author, as one line of printable characters: at most about `most` of them,
-    else its begin and end.
+    """A text, which may come from a file that nobody vouches for, as one line of printable characters.
+
+    What is not printable becomes a blank, and blanks are joined. A text of more than `most` characters is cut to its
+    first and last most / 2, with " ... " between.
     """
     text = " ".join("".join(one if one.isprintable() else " " for one in text).split())
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
 
 
 def sequence(name: str, value: Any) -> Any:
-    """`value`, unchanged, if it is a sequence or an array of one axis or more; ValueError naming it otherwise, also for
-    text.
+    """`value`, unchanged, if it is a sequence, or an array with at least one axis.
+
+    ValueError, naming it, otherwise; text counts as no sequence.
     """
     scalar = isinstance(value, np.ndarray) and value.ndim == 0
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str | bytes) or scalar:
@@ -190,8 +209,10 @@ def sequence(name: str, value: Any) -> Any:
 
 
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
-    """The axes of a set, a sequence of whole numbers, as a tuple of int; ValueError, with the set's `name`, for
-    anything else. Whether the grid has them is not checked.
+    """The axes of a set as a tuple of int.
+
+    ValueError, with the set's `name`, unless they are a sequence of whole numbers. Whether the grid has such axes is
+    not checked, nor whether an axis occurs twice.
     """
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):
@@ -200,11 +221,15 @@ def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
 
 
 def arguments(name: str, function: Any) -> tuple[str, ...]:
-    """Which of `KNOWN[name]` a function takes, in the order of its parameters.
+    """Which arguments a user's function takes, in its order: names from `KNOWN[name]`, the first of them always
+    "points".
 
-    The first parameter is the state, called points here, whatever the function calls it; the others are known by their
-    names. Of bounds alone the only one may be t. Parameters with defaults and other names are left alone. ValueError if
-    it takes something else, if its first parameter has the name of another, or if it is no function.
+    name : "drift", "gain", "bounds" or "velocity". The first parameter is the state, whatever the function calls it;
+    the others are known by the names u, v and t. Of "bounds" alone the only parameter may be t: then the answer is
+    ("t",). Parameters with a default and another name are left out. A BlackBox is asked by its function.
+
+    ValueError if the function takes something else, cannot say what it takes, or is none, or if its first parameter has
+    the name of an input, disturbance or time.
     """
     known = KNOWN[name]
     expected = f"{name} must be a function of the state first and then of {', '.join(known[1:])}, or of some of these"

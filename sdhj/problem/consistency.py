@@ -1,4 +1,9 @@
-"""Whether the parts of a problem fit one another: formulas their functions, sets the nodes, sensing all the rest."""
+"""Whether the parts of a problem fit one another: formulas the functions they were read from, sets the nodes, sensing
+all the rest.
+
+All of these checks raise ValueError, and return nothing where all is well. `ReachAvoidProblem` calls them when it is
+made.
+"""
 
 import numpy as np
 
@@ -20,8 +25,9 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """Random states on a grid at which functions are compared with what was read of them, (COMPARED_STATES, ndim), the
-    same ones each time. In the first tenth of them every coordinate is a node, an end or a zero.
+    """States on a grid at which functions are compared with what was read of them, (`COMPARED_STATES`, ndim).
+
+    Always the same. They are random; in the first tenth of them every coordinate is a node, an end or a zero.
     """
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
@@ -33,20 +39,18 @@ def compared_states(grid: Grid) -> FloatArray:
 
 
 def compared_times(problem: Statement) -> list[float]:
-    """Six times at which functions are compared with what was read of them, s, plain floats: from 0 to just after the
-    last step.
-    """
+    """The six times, s, at which functions are compared with what was read of them: from 0 to after the last step."""
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
 
 
 def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
-    """Compare the formulas of a set, `level_set` and `swept`, with the functions that they were read from, at
-    `compared_states`; ValueError where they differ (`formula.compare`).
+    """Raise ValueError where a set's formulas, `level_set` and `swept`, differ from the functions that they were read
+    from.
 
-    The functions are forgotten then: the next problem that has the set does not compare it again. Black boxes are not
-    compared.
+    They are compared at `compared_states` and `compared_times` (`formula.compare`). The functions are then forgotten,
+    in place, so the next problem that has the set does not compare it again. Black boxes are not compared.
     """
     states, times = compared_states(problem.grid.subgrid(part.axes)), compared_times(problem)
     spans = [(t, t + problem.delta) for t in times]
@@ -58,8 +62,11 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
-    """Raise ValueError where `swept` is above the level-set function at one of `INSTANTS` of its interval, at one of
-    SWEPT_STATES random states; of many steps at most SWEPT_STATES are looked at.
+    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval it is
+    for.
+
+    It is looked at in `SWEPT_STATES` random states at `INSTANTS` of each interval; of many intervals, in at most
+    `SWEPT_STATES` of them. The set must have `swept`, and the problem a number of steps.
     """
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
@@ -79,7 +86,7 @@ def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
 
 
 def check_inputs(problem: Statement) -> None:
-    """Raise ValueError where an unsafe set names, in its `inputs`, an input that the problem does not have."""
+    """Raise ValueError where an unsafe set has in its `inputs` an index that is none of the problem's inputs."""
     for part in problem.unsafe:
         if part.inputs is not None and part.inputs[-1] >= len(problem.inputs):
             most = len(problem.inputs) - 1
@@ -87,14 +94,14 @@ def check_inputs(problem: Statement) -> None:
 
 
 def try_goals(problem: Sampled) -> None:
-    """Raise ValueError where no node is in the target and safe at any step, with the likely cause; and, from sampling
-    them, where a function is undefined, or its values are out of range, at a node that is looked at.
+    """Raise ValueError, with the likely cause, where at no step some node is in the target and safe.
 
-    It ends at the first piece of the grid in which there is such a node. On a grid of more than `MOST_LOOKED_AT` pieces
-    only some are looked at, and not finding one is no error: whether it can be solved, `solve` says.
+    Also raised, as nodes are sampled, where a function is undefined or out of range. It ends at the first piece of the
+    grid in which there is such a node. On a grid of more than `MOST_LOOKED_AT` pieces only some are looked at, and
+    finding none is no error: whether such a problem can be solved, a solve says.
     """
     steps, target, looked = range((problem.steps or 0) + 1), problem.target, 0
-    for piece in problem.grid.pieces_in_turn(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
+    for piece in problem.grid.pieces_at_random(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
         part, looked = problem.on(piece), looked + piece.size
         for step in steps:
             if (part.target_at(problem.time(step)) <= 0).any() and (part.goal(step) <= 0).any():
@@ -116,11 +123,12 @@ def try_goals(problem: Sampled) -> None:
 
 
 def check_sensing(problem: Sampled) -> None:
-    """Raise ValueError where error, rest, delay or jitter do not fit the grid, the inputs or delta; with jitter, where
-    dynamics, target or view_time "instantaneous" depend on time; where an end is "safe"; and where no node is in the
-    target and safe by twice the box E around the prediction.
+    """Raise ValueError where the sensing does not fit grid, inputs, delta, dynamics, ends or target.
 
-    The last is not looked at where the grid does not fit into memory, which `solve` says.
+    That is: `error` has another number of axes, `rest` is no input, delay + 2 jitter is longer than delta; with jitter,
+    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or no node is in the target
+    and safe by twice the box E around the prediction. The last is not looked at where the grid does not fit into
+    memory, which a solve says.
     """
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:

@@ -23,12 +23,12 @@ ENDLESS_STEPS = 100  # steps that are counted where a problem has no number of s
 
 
 class Cost(NamedTuple):
-    """The cost of a solve by a model: see `sdhj.problem.cost`.
+    """The cost of a solve, by a model, before it begins; the module says how operations are counted.
 
     Attributes
     ----------
     operations : float
-        Of the whole solve. Of a problem without a number of steps: of 100 of them.
+        Of the whole solve. Of a problem without a number of steps: of `ENDLESS_STEPS` = 100 of them.
     nbytes : int
         Upper estimate of the memory at its peak, in bytes.
     tubes : int
@@ -38,9 +38,9 @@ class Cost(NamedTuple):
     crossed : float
         How many cells the state crosses in an interval, at most, along all axes together.
     why : str
-        What multiplies what, in words.
+        What multiplies what, in words, from `multiplied`.
     disk : int
-        Bytes that a store takes on its disk, at most.
+        Bytes that a store takes on its disk, at most; 0 in memory.
     """
 
     operations: float
@@ -52,52 +52,68 @@ class Cost(NamedTuple):
     disk: int = 0
 
     def __str__(self) -> str:
-        """Operations, memory and what makes it so, in a line."""
+        """One line: operations, memory, and `why`."""
         return f"{self.operations:.2g} operations and {self.nbytes / 1e9:.2g} GB of memory: {self.why}"
 
 
 class Stated(Exception):
-    """Raised by a meter with `only_stated`, as soon as it knows the cost: no more was asked for."""
+    """Raised by `Meter.begin` to end a solve before it begins, where only the cost was asked for (`only_stated`)."""
 
 
 class Meter:
-    """The progress of a solve, which calls `begin`, then `tick` as often as it likes, and `tube` after each tube.
+    """The progress of one solve, a bar: `begin`, then `tick` at will, and `tube` after avoid games and each tube.
 
-    A progress bar shows it, in operations; in tubes where the method does not say what it costs. `with` makes it the
-    one that `begin` and `tick` of this module tell.
+    `with meter:` makes it the meter of this context, to which this module's functions `begin` and `tick` pass their
+    calls; at the end its bar is closed. The bar shows operations, or tubes where the cost is not known.
 
-    name : of the bar.
-    hidden : whether there is none.
-    most : operations that are allowed.
-    only_stated : whether the solve ends where it would begin, with `Stated`.
+    Attributes
+    ----------
+    name : str
+        Of the method, before the bar.
+    hidden : bool
+        Whether no bar is shown.
+    most : float
+        Operations that are allowed.
+    only_stated : bool
+        Whether `begin` ends the solve with `Stated`.
+    cost : Cost or None
+        As `begin` was told.
+    bar : tqdm or None
+        None before `begin`.
+    each : int
+        Operations that are counted for one tube.
+    until : int
+        Operations that are counted up to the end of the tube at hand; at first, to that of the avoid games.
+    at : int
+        Operations that the bar shows.
     """
 
     def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
-        """A meter of the method `name`, that shows no bar if `hidden` and refuses more than `most` operations;
-        see the class.
-        """
+        """A meter of the method `name` that has not begun; see the class for the arguments."""
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
         self.each, self.until, self.at = 1, 0, 0
 
     def __enter__(self) -> "Meter":
-        """Make it the meter that solves in this context tell; returns it."""
+        """Make it the meter of this context; returns it."""
         self.token = METER.set(self)
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """Restore the meter before it, and close the bar."""
+        """Make the meter that was there before that of this context again, and close the bar."""
         METER.reset(self.token)
         if self.bar is not None:
             self.bar.close()
 
     def begin(self, cost: Cost | None, endless: bool) -> None:
-        """Note the cost and show the bar; raise `Stated` if no more was asked for, ValueError if it is more than is
-        allowed.
+        """Note the cost, as `cost`, and show the bar.
 
         cost : None if it is not known; the bar then counts tubes. endless : whether the number of tubes is not known,
-            so that the bar has no end.
+        so that the bar has no end.
+
+        Raises `Stated` if the meter was made for the cost only, and ValueError, with advice, if the solve would take
+        more operations than are allowed.
         """
         self.cost = cost
         if self.only_stated:
@@ -120,16 +136,19 @@ class Meter:
         self.bar.set_postfix_str("" if endless else f"{cost.tubes:,} tubes, at most {cost.nbytes / 1e9:.2g} GB{disk}")
 
     def tick(self, operations: float) -> None:
-        """Move the bar by so many operations that are done, of the avoid games or of the tube at hand: no further than
-        was counted for these.
+        """Move the bar by operations that are done, of the avoid games or of the tube at hand.
+
+        The bar never moves past what was counted for these, so ticks before `begin`, and without a cost, do nothing.
         """
         if (more := min(round(operations), self.until - self.at)) > 0:
             self.at += more
             self.bar.update(more)
 
     def tube(self) -> None:
-        """Move the bar to the end of all that was counted so far, and let the next tube begin; without a cost it
-        shows tubes.
+        """Note that the avoid games, or a tube, are done: move the bar to the end of what was counted for them.
+
+        Ticks that follow belong to the next tube. Where the cost is not known, the bar counts the tubes; where `begin`
+        was not called, it is called here, without a cost.
         """
         if self.bar is None:  # of sets that state nothing
             self.begin(None, True)
@@ -138,8 +157,10 @@ class Meter:
 
 
 def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
-    """A phrase that says why a solve takes long: so many tubes of `size` nodes or cells (`what`) for so many inputs,
-    and what makes the tubes so many.
+    """The words of `Cost.why`: how many tubes of how many nodes for how many inputs, and what makes the tubes so many.
+
+    problem : a ReachAvoidProblem. tubes : how many are solved. size : nodes or cells of one tube. what : "nodes" or
+    "cells".
     """
     moving = [repr(part.name) for part in problem.all_sets if part.moving]
     moving += ["the dynamics"] * problem.dynamics.timed
@@ -152,14 +173,16 @@ METER: ContextVar[Meter | None] = ContextVar("METER", default=None)
 
 
 def begin(cost: Callable[[], Cost | None], endless: bool = False) -> None:
-    """Tell the meter of this context, if there is one, what a solve costs: `cost()`, which is called only then.
-    endless : whether it has no number of steps. Raises what `Meter.begin` does.
+    """Call `Meter.begin` of this context's meter with cost() and `endless`; without a meter do nothing, nor call cost.
+
+    cost : returns the `Cost`, or None if it is not known. endless : whether the problem has no number of steps. Raises
+    what `Meter.begin` does.
     """
     if (meter := METER.get()) is not None:
         meter.begin(cost(), endless)
 
 
 def tick(operations: float) -> None:
-    """Tell the meter of this context, if there is one, of operations that are done."""
+    """Call `Meter.tick` of this context's meter with operations that are done; without a meter do nothing."""
     if (meter := METER.get()) is not None:
         meter.tick(operations)

@@ -18,12 +18,11 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 
 
 def described(problem: Statement) -> dict[str, Any]:
-    """The problem as plain numbers, lists and text (JSON), for the head of a file: `Statement.numbers`, its name, and
-    "formulas".
+    """The problem as plain numbers, lists and text (JSON), for the head of a file.
 
-    Of each function that is a formula: how many coordinates and parameters it takes, and its lines of text; of each
-    black box, "opaque": what is declared of it. The pieces of v's range stand there only where they matter and are not
-    the default.
+    `Statement.numbers`, "problem" (its name) and "formulas". These have the format's number; "functions", of each
+    formula its numbers of coordinates and parameters and its lines of text; "opaque", of each black box what is
+    declared of it; and "pieces", those of v's range, only where they matter and are not the default.
     """
     functions = {}
     for name, lines in problem.texts[0].items():
@@ -38,18 +37,20 @@ def described(problem: Statement) -> dict[str, Any]:
 def arrays_of(problem: Statement) -> dict[str, FloatArray]:
     """The arrays that belong to a description, by the names that a file gives them.
 
-    "tables/0", "tables/1", ...: the tables that formulas look up; "opaque/NAME": `blackbox_values` of each black box,
-    which is called for them.
+    "tables/0", "tables/1", ...: the tables that formulas look up, shared with these. "opaque/NAME": `blackbox_values`
+    of each black box, which is called for them.
     """
     tables = {f"tables/{number}": table.values for number, table in enumerate(problem.texts[1])}
     return tables | {f"opaque/{name}": blackbox_values(problem, name) for name in problem.opaque}
 
 
 def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of what the head of a file says of a problem (its entries `TOLD`, names included)
-    and of its arrays, compared as float64.
+    """SHA-256, hexadecimal, of what the head of a file says of a problem and of its arrays.
 
-    The error of measurements may be stated once for all axes. Two problems with one digest have one table.
+    Equal digests mean equal tables.
+
+    head : `described`, of which the entries `TOLD` count, names included; an error of measurements that is stated once
+    counts as stated for each axis. arrays : `arrays_of`, by name, compared as float64.
     """
     said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:
@@ -63,11 +64,11 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
 
 
 def blackbox_values(problem: Statement, name: str) -> FloatArray:
-    """Values of the black box with this name in `functions`, flattened to one axis: by them a file tells it from
-    another one.
+    """Values of the black box with this name in `functions`, flattened: by them a file tells it from another one.
 
-    They are taken at the same random states of its axes' grid each time, at `BOX_STEPS` times within the problem's
-    steps; of a drift or gain under another input at each time, of `swept` over the interval that begins then.
+    It is called at the same `VALUES_KEPT` / `BOX_STEPS` random states of its axes' grid at each of `BOX_STEPS` times
+    from 0 on, evenly apart within the problem's steps; a drift or gain under another input at each time, `swept` over
+    the interval that begins then.
     """
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):

@@ -1,4 +1,5 @@
-"""The dynamics of the state as data (Eq. 1), and as they are read: formulas of the velocity and its bounds.
+"""The dynamics of the state (Eq. 1), as the user gives them (`Dynamics`) and as they are read, as formulas
+(`VectorField`).
 
 dq/dt = drift(q, u_j, t) + gain(q, u_j, t) v,    |v_d| <= bounds_d(q, u_j, t),    or dq/dt = velocity(q, u_j, v, t)
 """
@@ -89,11 +90,15 @@ class Dynamics:
     velocity: Any = None
     pieces: int = CUTS
     _polar: Any = field(default=None, init=False, repr=False, compare=False)  # where a ball's v may be nonlinear
+    # of the functions read by the last `read`, by the field's name: (function, its formula)
     _parts: dict[str, tuple[Any, Formula]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Check inputs, functions and arrays, and write a `Ball` as the components along its sides; ValueError where
-        one does not fit.
+        """Check inputs, functions and arrays.
+
+        Arrays become read-only copies, and a `Ball` the components along its sides. With a ball and a velocity, a
+        second Dynamics, `_polar`, has v in polar coordinates, in case v does not enter linearly. ValueError where
+        something does not fit.
         """
         inputs = finite_array("inputs", self.inputs)
         if inputs.ndim != 2 or inputs.shape[0] < 1:
@@ -129,11 +134,13 @@ class Dynamics:
                 raise ValueError(f"velocity must be a function of (points, u, v, t), got {given!r}")
 
     def read(self, ndim: int) -> "VectorField":
-        """The dynamics of a state of `ndim` coordinates, its functions read as formulas, bounds that depend on the
-        state as part of the gain.
+        """The dynamics of a state of `ndim` coordinates, with functions read as formulas.
 
-        Of `velocity` drift and gain are made where v enters linearly. ValueError if an array or a function does not
-        fit, or a function cannot be read.
+        A `velocity` in which v enters linearly is taken apart into drift and gain; otherwise the gain is None, and the
+        drift also reads v. Bounds that depend on the state become 1, and the gain, or v in the velocity, is multiplied
+        by them. What was read is noted, in place, for `compare`.
+
+        ValueError if an array or a function does not fit, or a function cannot be read (`sdhj.NotTraced`).
         """
         count = len(self.inputs)
         bounds = self._read("bounds", ndim, None)
@@ -164,11 +171,11 @@ class Dynamics:
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
-        """Raise ValueError where a user's function has other values, at states (M, ndim), than the formula that was
-        read from it.
+        """Raise ValueError where a user's function has other values, at states (M, ndim), than the formula that `read`
+        made of it.
 
-        Under the first input at all of the `times`, under each other one at one of them; with one v. field : what
-        `read` returned.
+        Compared are all functions that the last `read` has noted, under the first input at all `times`, and under each
+        other one at one of them; with one v, from -0.5 to 0.5 over its components. field : what `read` returned.
         """
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
@@ -178,8 +185,8 @@ class Dynamics:
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:
-                    """The user's function called as a formula is: (M, *one) at points (M, ndim), time t and the
-                    components of v.
+                    """The user's function under input u at points (M, ndim), time t and the components of v, broadcast
+                    to (M, *one).
                     """
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
@@ -187,12 +194,17 @@ class Dynamics:
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
 
     def _read(self, name: str, ndim: int, shape: tuple[int, ...] | None, components: int = 0) -> Any:
-        """The field `name` ("drift", "gain", "bounds" or "velocity") as a formula of shape (L, *shape), or as a black
-        box; noted in `_parts` for `compare`.
+        """The field `name` ("drift", "gain", "bounds" or "velocity") as a formula with results (L, *shape), or as a
+        BlackBox.
 
-        shape : of the answer for one point; None for bounds, which may have any number of components. components : of
-            v, which a velocity takes. ValueError where it has another shape, is a black box that is not allowed there,
-            or has too many operations for a file.
+        A formula that is read from a function is noted in `_parts`, in place. Without gain and bounds there is one
+        component of v, of gain and bounds 0.
+
+        shape : of the answer for one point; None for bounds, which may have any number of components. components : how
+        many v has, for a velocity.
+
+        ValueError where the answer has another shape, a velocity is a black box, or all inputs together take more
+        operations than a file keeps.
         """
         if name == "velocity" and isinstance(self.velocity, BlackBox):
             raise ValueError("velocity cannot be a BlackBox: give drift and gain, which can be")
@@ -215,7 +227,7 @@ class Dynamics:
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
-            """The arguments, those in `takes`, of a traced call under input u (m,), for so many points."""
+            """The arguments, those in `takes`, of a traced call under input u (m,), with so many points (rows)."""
             return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
@@ -238,47 +250,52 @@ class Dynamics:
 
 
 def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
-    """gain_{id} |bounds_d| at points (M, ndim), (M, L, ndim, D): the gain for a disturbance in [-1, 1]; gain and
-    bounds are formulas.
+    """The gain for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim, D).
+
+    gain_{id} |bounds_d|, both formulas with results (L, ndim, D) and (L, D).
     """
     return gain(points, t) * np.abs(bounds(points, t))[:, :, None]
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|) under each input, (M, L, ndim): the velocity for components v in
-    [-1, 1].
+    """The velocity for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim).
+
+    f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|). velocity : a formula with results (L, ndim). bounds : one with results
+    (L, D). v : D traced numbers.
     """
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
 
 
 def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
-    """A formula of `ndim` coordinates and the time whose results are an array's numbers, wherever it is asked."""
+    """A formula of `ndim` coordinates and the time that has an array's numbers as its results at every point."""
     return Formula(tuple(map(constant, array.ravel().tolist())), ndim, 1, array.shape, name)
 
 
 @dataclass(frozen=True, eq=False)
 class VectorField:
-    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, what `Dynamics.read` returns. It
-    evaluates velocities (`velocity_at`), bounds them (`range`, `extremes`), and says what they depend on
-    (`reads`, `pushes`, `timed`).
+    """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
+
+    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`range`, `extremes`), and says what
+    they depend on (`reads`, `pushes`, `timed`, `constant`, `stateless`). Points must have coordinates on periodic axes
+    wrapped into the grid. It is immutable; what follows from its parts is made once, at first use.
     """
 
-    inputs: FloatArray  # (L, m)
-    ndim: int
+    inputs: FloatArray  # (L, m), the input vectors u_j
+    ndim: int  # coordinates of the state
     drift: Formula | BlackBox  # (L, ndim) without v; where v does not enter linearly, a Formula that also reads v
     gain: Formula | BlackBox | None  # (L, ndim, D); None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
     pieces: int = CUTS  # as in `Dynamics`
-    _derived: dict[Any, Formula] = field(
-        default_factory=dict, init=False, repr=False
-    )  # made of these, by what they are
+    _derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # of `made_once`, by its keys
 
     def made_once(
         self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
     ) -> Formula:
-        """`Formula.traced` of a function of so many coordinates and parameters, made once for each key, whose
-        first entry is the formula's name.
+        """`Formula.traced(name, function, coordinates, parameters)`, made once for each key, whose first entry is the
+        name.
+
+        The key must tell apart all functions that are asked for.
         """
         if key not in self._derived:
             self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
@@ -286,31 +303,36 @@ class VectorField:
 
     @property
     def parts(self) -> list[Any]:
-        """Drift, gain and bounds, formulas or black boxes, those that there are, in a list."""
+        """[drift, gain, bounds], formulas or black boxes, without a gain that is None."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
     def formulas(self) -> bool:
-        """Whether drift, gain and bounds are all formulas, none of them a black box."""
+        """Whether drift, gain and bounds, as far as there are any, are all formulas, none of them a black box."""
         return all(isinstance(part, Formula) for part in self.parts)
 
     @cached_property
     def constant(self) -> bool:
-        """Whether drift, gain and bounds are constants, all of them formulas, and gain and bounds the same for every
-        input: velocities are drift_j + gain v.
+        """Whether velocities are drift_j + gain v with constants: drift, gain and bounds, of which only the drift
+        depends on the input.
         """
         fixed = self.formulas and all(one.op == "const" for part in self.parts for one in part.outputs)
-        return fixed and self.gain is not None and self.alike
+        return fixed and self.gain is not None and self.shared_gain
 
     @kept
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Drift (L, ndim), gain (ndim, D) and bounds (D,), read-only. Only where they are `constant`."""
+        """Drift (L, ndim), gain (ndim, D) and bounds (D,) as arrays, read-only, made once.
+
+        Only where the dynamics are `constant`.
+        """
         drift, gain, bounds = (np.array([one.value for one in p.outputs], float).reshape(p.shape) for p in self.parts)
         return drift, gain[0], bounds[0]
 
     @cached_property
     def stateless(self) -> bool:
-        """Whether velocities do not depend on the state, under any input."""
+        """Whether velocities do not depend on the state, under any input; a black box does unless `reads` is empty.
+        Made once.
+        """
         return not self.reads.any()
 
     @cached_property
@@ -320,21 +342,24 @@ class VectorField:
 
     @property
     def adversaries(self) -> int:
-        """D, the number of components of the disturbance."""
+        """D, the number of components of v; at least 1, as no disturbance is one with bounds 0."""
         return self.bounds.shape[1]
 
     @cached_property
-    def alike(self) -> bool:
-        """Whether gain and bounds are the same formulas for every input; False for black boxes and where v does not
-        enter linearly.
+    def shared_gain(self) -> bool:
+        """Whether gain and bounds are the same formulas for every input.
+
+        False for a black box, and where v does not enter linearly.
         """
         parts = (self.gain, self.bounds)
         return all(isinstance(part, Formula) and bool((part.entries == part.entries[0]).all()) for part in parts)
 
     @kept
     def pushes(self) -> FloatArray:
-        """Whether component d of v moves axis i under input j, (L, ndim, D) bool: neither the gain nor the bound is the
-        constant 0. All True where the gain is no formula.
+        """Whether component d of v moves axis i under input j, (L, ndim, D) bool, read-only, made once.
+
+        It does where neither entry (i, d) of the gain nor bound d is the constant 0. All True where the gain is a black
+        box or None.
         """
         if not isinstance(self.gain, Formula):
             return np.ones((len(self.inputs), self.ndim, self.adversaries), np.bool_)
@@ -343,7 +368,11 @@ class VectorField:
 
     @kept
     def reads(self) -> FloatArray:
-        """Whether the velocity along axis i depends on coordinate k, under any input: (ndim, ndim) bool."""
+        """Whether the velocity along axis i may depend on coordinate k, under any input: (ndim, ndim) bool, read-only,
+        made once.
+
+        Entries of the gain with which v does not push (`pushes`) do not count.
+        """
         out = np.zeros((self.ndim, self.ndim), np.bool_)
         for part, moved in ((self.drift, np.True_), (self.gain, self.pushes[..., None])):
             if isinstance(part, Formula):
@@ -354,8 +383,9 @@ class VectorField:
         return out
 
     def couples(self, axes: Sequence[int]) -> bool:
-        """Whether v enters linearly and some component of it moves several of some axes, so that their velocity set is
-        no box.
+        """Whether some component of v moves more than one of these axes, so that their velocity set is no box.
+
+        False where v does not enter linearly. Of constant dynamics, pushes below 1e-12 of the greatest do not count.
         """
         moved = self.pushes[:, list(axes)].any(axis=0)
         if self.constant:
@@ -364,9 +394,10 @@ class VectorField:
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
     def cuts(self, axes: Sequence[int]) -> tuple[int, ...]:
-        """Into how many pieces each component of v is cut: 1 where it enters linearly or moves one of some axes; (D,).
+        """Into how many pieces the range of each component of v is cut, (D,): `pieces` or 1.
 
-        The velocity set is then the union of boxes, one for each piece, whose product is their number.
+        `pieces` where v does not enter linearly and the component moves more than one of these axes. The velocity set
+        is then the union of boxes, one for each combination of pieces.
         """
         if self.gain is not None:
             return (1,) * self.adversaries
@@ -375,21 +406,25 @@ class VectorField:
 
     @cached_property
     def _moved(self) -> FloatArray:
-        """Whether component d of v moves axis i where it does not enter linearly, the formula of that velocity reading
-        it: (L, ndim, D) bool.
+        """Whether component d of v moves axis i under input j, where v does not enter linearly: (L, ndim, D) bool.
+
+        Made once. It does where the formula of that velocity reads it.
         """
         each = [[leaves([one], "p") for one in row.outputs] for row in self.each["drift"]]
         return np.array([[[1 + d in one for d in range(self.adversaries)] for one in row] for row in each])
 
     @property
     def is_cut(self) -> bool:
-        """Whether `pieces` matters: v does not enter linearly, and a component of it moves several axes."""
+        """Whether `pieces` matters: v does not enter linearly, and a component of it moves more than one axis."""
         return self.gain is None and bool((self._moved.sum(axis=1) > 1).any())
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The numbers of the components of v that move several axes: what each does is a segment. None where v does not
-        enter linearly, or gain or bounds depend on time.
+        """The numbers d of the components of v that move more than one axis, each of which adds a segment to the
+        velocity set.
+
+        () where v does not enter linearly, or gain or bounds depend on time. Of constant dynamics, pushes below 1e-12
+        of the greatest do not count. Made once.
         """
         if self.gain is None or not self.couples(range(self.ndim)) or self.gain.timed or self.bounds.timed:
             return ()
@@ -400,32 +435,36 @@ class VectorField:
         return tuple(np.flatnonzero((moved.sum(axis=1) > 1).any(axis=0)).tolist())
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "VectorField":
-        """The same dynamics, but states are clipped to [lower, upper], (ndim,) each, before drift and gain are
-        evaluated: past an end they move as at it.
+        """The dynamics with states clipped to [lower, upper], (ndim,) each, before drift and gain are evaluated.
+
+        Past an end the state moves as at the end; velocities are not changed. -inf and inf where an axis has no end.
         """
         gain = self.gain and self.gain.clipped(lower, upper)
         return replace(self, drift=self.drift.clipped(lower, upper), gain=gain)
 
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
-        """The dynamics of some axes, whose velocities read no other coordinate; the others are set to `lower`
-        (ndim,).
+        """The dynamics of some of the axes, numbered anew in the order of `axes`.
+
+        The other coordinates are set to `lower` (ndim,). The velocities of these axes must read no other coordinate,
+        which is not checked. A black box loses its enclosure.
         """
         keep = list(axes)
 
         def full(points: Any) -> Any:
-            """Points on some axes, (M, len(axes)), as points on all, at `lower` on the others."""
+            """Points (M, len(axes)) as points (M, ndim), with the entries of `lower` on the other axes."""
             elsewhere = 0.0 * points[:, 0]
             columns = [points[:, keep.index(k)] if k in keep else elsewhere + lower[k] for k in range(self.ndim)]
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
-            """The part (drift or gain; None stays None) of the components along some axes, as a function of points on
-            these.
+            """Drift or gain with its components along `axes` alone, as a formula or black box of points on these.
+
+            None stays None.
             """
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
             def of_some(points: Any, *given: Any) -> Any:
-                """The components `keep` of the function at points (M, len(keep)) on these axes."""
+                """The components along `axes` of the function, at points (M, len(axes)) and what it takes besides."""
                 return function(full(points), *given).take(keep, axis)
 
             if part is None or isinstance(part, Formula):
@@ -439,21 +478,27 @@ class VectorField:
         return VectorField(self.inputs, len(keep), some(self.drift), some(self.gain), bounds, self.pieces)
 
     def undisturbed(self) -> "VectorField":
-        """The same dynamics with bounds of 0: v does nothing."""
+        """The same dynamics, in which v has bounds 0."""
         return replace(self, bounds=_constants("bounds", np.zeros(self.bounds.shape), self.ndim))
 
     @kept
     def each(self) -> dict[str, list[Any]]:
-        """Of "drift", "gain" and "bounds", as far as there are any, a list of the formulas or black boxes under each
-        input.
+        """Drift, gain and bounds under one input at a time: {"drift": [of input 0, of input 1, ...], "gain": ...,
+        "bounds": ...}.
+
+        Each is a Formula or BlackBox with results (ndim,), (ndim, D) and (D,). "gain" is missing where v does not enter
+        linearly: there the drift is the whole velocity, with the components of v as parameters after the time. Sealed,
+        made once.
         """
         parts = [(name, part) for name in ("drift", "gain", "bounds") if (part := getattr(self, name)) is not None]
         rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
     def component(self, name: str, j: int, place: int) -> Formula:
-        """One entry of "drift", "gain" or "extremes" under input j as a formula of its own: number `place` of the
-        flattened array. Made once.
+        """One number of "drift", "gain" or "extremes" under input j as a formula; made once.
+
+        place : its index in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
+        black box.
         """
         known, key = self._derived, (name, j, place)
         if key not in known:
@@ -462,15 +507,18 @@ class VectorField:
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
-        """Velocity under input j at points (M, ndim) and time t without a disturbance; shape (M, ndim)."""
+        """Velocity under input j (an index) without a disturbance, at points (M, ndim) and time t in s: (M, ndim).
+
+        Also traced.
+        """
         still = [0.0] * self.adversaries if self.gain is None else []
         return self.each["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
-        """The gain of the disturbance under input j at points (M, ndim) and time t; shape (M, ndim, D).
+        """The gain of v under input j, at points (M, ndim) and time t: (M, ndim, D).
 
-        Where the disturbance does not enter linearly: how the velocity changes from one end of its box to the other,
-        for each component alone.
+        Where v does not enter linearly: by how much the velocity changes from one end of the range of each component to
+        the other, the other components being 0, over the range's length; 0 where that is 0.
         """
         if self.gain is not None:
             return self.each["gain"][j](points, t)
@@ -481,7 +529,10 @@ class VectorField:
         return np.stack(columns, axis=2)
 
     def velocity_at(self, points: Any, j: int, v: Any, t: Any) -> Any:
-        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim)."""
+        """Velocity under input j and a disturbance v, (D,) or (M, D), at points (M, ndim) and time t: (M, ndim).
+
+        Also traced. That v is within its bounds is not checked.
+        """
         each = np.broadcast_to(v, (len(points), self.adversaries))
         if self.gain is not None:
             return self.drift_at(points, j, t) + np.einsum("mad,md->ma", self.gain_at(points, j, t), each)
@@ -489,46 +540,59 @@ class VectorField:
 
     @cached_property
     def _with_disturbance(self) -> list[Formula]:
-        """Where v does not enter linearly: the velocity under each input as a formula of ndim + D coordinates, v behind
-        the state, and the time.
+        """The velocity under each input as a formula of ndim + D coordinates, state and v, and of the time; made once.
+
+        Only where v does not enter linearly.
         """
         ndim, count = self.ndim, self.ndim + self.adversaries
 
         def velocity(one: Formula, points: Any, t: Any) -> Any:
-            """The velocity `one` at a traced point (1, ndim + D), v in its last coordinates."""
+            """The velocity `one` (M = 1, ndim) at a traced point (1, ndim + D), whose last coordinates are v."""
             return one(points[:, :ndim], t, *points[0, ndim:])  # of one point
 
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the box of disturbances under input j at time t, (D,); ValueError where one is below 0."""
+        """Half-widths of the box of v under input j at time t, (D,); ValueError where one is below 0."""
+        if not self.bounds.timed and j in self._still_bounds:
+            return self._still_bounds[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
-        return bounds
+        self._still_bounds[j] = bounds
+        return bounds.copy()
+
+    @cached_property
+    def _still_bounds(self) -> dict[int, FloatArray]:
+        """The half-widths that `bounds_at` has found, by the input, of use where they do not depend on time."""
+        return {}
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """Under each input the least and the greatest velocity along each axis over the box of v, as a formula of shape
-        (2, ndim); where v enters linearly.
+        """Under each input, the least and the greatest velocity along each axis over all v, as a formula with results
+        (2, ndim).
+
+        Only where v enters linearly and there are no black boxes. Made once.
         """
         count = len(self.inputs)
         return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
 
     def _spread(self, j: int, points: Any, t: Any) -> Any:
-        """drift -+ sum_d |gain_d| bounds_d under input j at points (M, ndim) and time t: the least and the greatest
-        velocity, (M, 2, ndim).
+        """drift -+ sum_d |gain_d| |bounds_d| under input j, at points (M, ndim) and time t: the extremes over all v,
+        (M, 2, ndim).
+
+        Only where v enters linearly. Also traced.
         """
         drift, bounds = self.drift_at(points, j, t), self.each["bounds"][j](points, t)
         spread = (np.abs(self.gain_at(points, j, t)) * np.abs(bounds)[:, None]).sum(axis=2)
         return np.stack([drift - spread, drift + spread], axis=1)  # obligation 2.27
 
     def extremes(self, points: Any, j: int, t: Any) -> Any:
-        """Least and greatest velocity along each axis under input j over the box of v, at points (M, ndim) and time t:
-        (M, 2, ndim).
+        """Least and greatest velocity along each axis under input j over all v, at points (M, ndim) and time t: (M, 2,
+        ndim).
 
-        Where v does not enter linearly, by intervals: bounds, perhaps wider; ValueError where a velocity may be
-        undefined.
+        Exact where v enters linearly; else bounds by intervals, perhaps wider, and ValueError where a velocity may be
+        undefined for some v.
         """
         if self.gain is None:
             low, high = self.range(j, points, points, (t, t))
@@ -541,11 +605,12 @@ class VectorField:
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
     def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
-        """Least and greatest velocity under input j over boxes from low to high, (M, ndim) each, and an interval of
-        time: both (M, ndim).
+        """Lower and upper bounds, (M, ndim) each, of the velocity under input j over M boxes of states and an interval
+        of time.
 
-        The adversary keeps to the vertex of its box with these signs (D,), if given; by default it chooses any v. -inf
-        and inf where it may be undefined; ValueError where a black box does not declare enough.
+        low, high (M, ndim) : corners of the boxes. time : (begin, end), s. signs : (D,) of -1 and 1, the vertex of its
+        box that v keeps to; by default v is any. The bounds are -inf and inf where a velocity may be undefined;
+        ValueError where a black box does not declare enough.
         """
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
@@ -557,12 +622,12 @@ class VectorField:
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
 
-    def along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . velocity under u_j at points (M, ndim) and time t for each way n, rows of `ways` (K, ndim),
-        whatever v does: (M, K).
+    def greatest_along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
+        """The greatest n . velocity over all v for each way n, under input j at points (M, ndim) and time t: (M, K).
 
-        v does not enter linearly: it is the greatest over the boxes of velocities of the pieces that its range is cut
-        into. ValueError where a velocity may be undefined.
+        ways (K, ndim) : the vectors n. Only where v does not enter linearly: it is the maximum over the boxes of
+        velocities of all combinations of pieces of v (`cuts`), so an upper bound. ValueError where a velocity may be
+        undefined.
         """
         ends = self.disturbance(j, points[:1], points[:1], (t, t))
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
@@ -579,8 +644,10 @@ class VectorField:
         return found
 
     def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
-        """Least and greatest v under u_j in an interval of time, (2, D): +-bounds, or between the values of sign_d
-        bounds_d of the vertex that the adversary keeps to. low, high (M, ndim): any boxes, as bounds read no state.
+        """Least and greatest v under input j in an interval of time (begin, end): (2, D).
+
+        -+ the greatest half-widths; with `signs` (D,) the range of sign_d bounds_d, the vertex that v keeps to. low,
+        high (M, ndim) : any boxes, of which the first is read, as bounds depend on no state.
         """
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
@@ -589,12 +656,14 @@ class VectorField:
         return np.stack([-most, most])
 
     def _at_vertex(self, j: int, signs: tuple[float, ...]) -> Formula:
-        """The velocity under u_j at a vertex of the box of v as a formula of the state and time: drift + sum_d sign_d
-        bounds_d gain_d.
+        """The velocity under input j with v at the vertex of its box with these signs, as a formula with results
+        (ndim,); made once.
+
+        drift + sum_d sign_d bounds_d gain_d.
         """
 
         def velocity(points: Any, t: Any) -> Any:
-            """drift + sum_d sign_d bounds_d gain_d at points (M, ndim): (M, ndim)."""
+            """drift + sum_d sign_d bounds_d gain_d at traced points (M, ndim) and time t: (M, ndim)."""
             drift, gain, bounds = (self.each[name][j](points, t) for name in ("drift", "gain", "bounds"))
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
@@ -602,8 +671,8 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """`range` where drift or gain is a black box, with its arguments: its declared bounds, plus the least and
-        greatest products of gain and v, rounded outward.
+        """`range` where drift or gain is a black box: bounds of the drift + sum_d of the least and greatest gain_d v_d,
+        rounded outward.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
@@ -613,11 +682,14 @@ class VectorField:
 
 
 def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
-    """Of points, u, t and v the arguments that a function takes, in its order; `takes` has their names."""
+    """Those of points, u, t and v that a function takes, in its order. takes : their names, from `arguments`."""
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """function(...) with those of points, u, t and v, `given` in this order, that it takes; `takes` has their names."""
+    """function(...) with those of points, u, t and v that it takes.
+
+    takes : their names, in the function's order. given : points, u, t and perhaps v, in this order.
+    """
     return function(*_taken(takes, *given))

@@ -1,4 +1,4 @@
-"""Findings: what a user should know of a problem or a table beside its answers. They are warned of here alone."""
+"""Findings: what a user should know of a problem or a table beside its answers. All are warned of by `tell`."""
 
 import sys
 import warnings
@@ -61,17 +61,15 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """Something to be warned of: the cause, how much of it, in the unit that the cause names, what helps, and as
-    which kind of warning; `str()` is the sentence. `tell` warns.
-    """
+    """Something to be warned of; `tell` warns of it, and str() is the sentence that the user reads."""
 
-    cause: str
-    number: float
-    remedy: str
-    kind: type[UserWarning] = ResolutionWarning
+    cause: str  # what is wrong, with a number: the begin of the sentence
+    number: float  # how much of it, in the unit that the cause names
+    remedy: str  # what helps: the rest of the sentence
+    kind: type[UserWarning] = ResolutionWarning  # the category of the warning
 
     def __str__(self) -> str:
-        """Cause and remedy, as the user reads them."""
+        """The sentence: cause, then remedy."""
         return self.cause + self.remedy
 
 
@@ -80,8 +78,9 @@ _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 
 @contextmanager
 def findings() -> Iterator[list[Finding]]:
-    """Within it: the list of findings that `tell` is told of, in their order, as it grows. Those told within an inner
-    one are in that one's list alone.
+    """A context that collects findings: its value is a list, to which `tell` appends each one, in their order.
+
+    Of contexts within one another, only the innermost one's list gets them. Warnings are given all the same.
     """
     found: list[Finding] = []
     token = _FOUND.set(found)
@@ -92,8 +91,11 @@ def findings() -> Iterator[list[Finding]]:
 
 
 def tell(*some: Finding | None) -> None:
-    """Warn of each finding, None aside, at the line that called the package, and add it to the list of the `findings`
-    around, if any.
+    """Warn of each finding, at the line of the user's code that called the package, and append it to the innermost list
+    of `findings`, if there is one.
+
+    None among them is skipped. Where the user has turned such warnings into errors, the first one is raised, and those
+    after it are neither warned of nor appended.
     """
     frame, level, found = sys._getframe(1), 2, _FOUND.get()
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):

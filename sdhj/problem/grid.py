@@ -84,7 +84,10 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
-        """Check the arguments, and write ends out for each axis; ValueError where one does not fit, names the axis."""
+        """Check the arguments and write them out for each axis (`Grid`).
+
+        ValueError, which names the axis, where one does not fit.
+        """
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
             raise ValueError(f"a grid has 1 to {MAX_AXES} axes, got {ndim}")
@@ -123,14 +126,16 @@ class Grid:
 
     @property
     def sampling_bytes(self) -> int:
-        """Bytes needed to sample a function at all nodes, in `pieces`: three copies of its values as float64, and
-        room for one piece.
+        """Bytes needed to sample a function at all nodes, in `pieces`: three float64 copies of the values, and room for
+        one piece.
         """
         return 8 * ((2 * self.ndim + 5) * min(self.size, PIECE) + 3 * self.size)
 
     @cached_property
     def spacing(self) -> tuple[float, ...]:
-        """Distance between neighbouring nodes on each axis."""
+        """Distance between neighbouring nodes on each axis, in its unit: (upper - lower) / (n - 1), or / n where it is
+        periodic.
+        """
         each = zip(self.lower, self.upper, self.shape, self.periodic, strict=True)
         return tuple((high - low) / (n if periodic else n - 1) for low, high, n, periodic in each)
 
@@ -176,36 +181,41 @@ class Grid:
         return points.reshape(self.size, self.ndim)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """The `Window` of shape[axis] consecutive nodes of each axis, from the node first[axis] on, around
-        periodic axes; the grid itself for all of its nodes.
+        """The consecutive nodes first[axis] to first[axis] + shape[axis] - 1 of each axis, around periodic ones, as a
+        `Window`.
+
+        The grid itself where these are all of its nodes from 0 on. That the nodes exist is not checked.
         """
         return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
 
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
-        """The `window` of `count` nodes along one axis, from the node `first` on (around a periodic axis), and all
-        nodes of the other axes.
+        """The `window` of `count` nodes of one axis, from the node `first` on (around a periodic axis), and all nodes
+        of the others.
         """
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
     def continued(self, by: Sequence[int]) -> "Grid":
-        """The grid with by[axis] more nodes before the lower and behind the upper end of each axis, all ends being
-        walls: see `Continued`.
-        """
+        """The grid with by[axis] more nodes before the lower and behind the upper end of each axis: a `Continued`."""
         return Continued(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
-        """Yield windows of about `PIECE` nodes that together are the grid, in the nodes' order; cut along `axis` and
-        those behind it, so before it there must be one node.
+        """Yield windows of at most `PIECE` nodes that together are the grid, in the order of its nodes.
+
+        axis : the axis along which to cut first; the windows are cut along later axes, too, where one row is too large.
+        Axes before it must have one node, as those of a row have. To sample a function piece by piece keeps its
+        intermediate results small.
         """
         rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
         for row in range(0, rows, max(some, 1)):
             piece = self.stretch(axis, row, min(max(some, 1), rows - row))
             yield from [piece] if some else piece.pieces(axis + 1)
 
-    def pieces_in_turn(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
-        """Yield the windows that `pieces` yields in a random order; if they are more than `most`, `drawn` of them,
-        drawn with repetition.
+    def pieces_at_random(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
+        """Yield in a random order the windows that `pieces` yields.
+
+        If they are more than `most`, `drawn` of them instead. Those are drawn with repetition. rng : decides order and
+        choice.
         """
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
@@ -247,44 +257,49 @@ class Grid:
         return self._subgrids[tuple(axes)]
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
-        """A new grid of some of the axes, numbered anew in the order given, with their padding: see `subgrid`."""
+        """A new grid of these axes, with their padding: what `subgrid`, which keeps it, returns."""
         lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
         plain = Grid(lower, upper, shape, periodic, names, ends)
         return Rimmed(plain, padding) if np.any(padding) else plain
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
-        """The attributes that have one entry for each axis: lower, upper, shape, periodic, names, ends, padding."""
+        """Lower, upper, shape, periodic, names, ends and padding, each with one entry for each axis."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        """The subgrids that have been made, by the tuple of their axes."""
+        """The subgrids that `subgrid` has made, by the tuple of their axes; filled in place."""
         return {}
 
     @cached_property
     def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
-        """The answers that `ends_where` has given, by fates."""
+        """The answers that `ends_where` has given, by the tuple of fates; filled in place."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-        """The answers that `faces` has given, by fates."""
+        """The answers that `faces` has given, by the tuple of fates; filled in place."""
         return {}
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis lie past its lower and its upper safe end: see `Rimmed`."""
+        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): none, but on a
+        `Rimmed` grid.
+        """
         return ((0, 0),) * self.ndim
 
     @property
     def inner(self) -> tuple[slice, ...]:
-        """Index, a slice for each axis, of the nodes that are not part of the `padding`."""
+        """Index, a slice for each axis, of the nodes that are not part of the `padding`; not meant for a window."""
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (*shape) at the first and at the second node of every edge along an axis: two arrays, of one node less
-        along it; of as many where it is periodic, as the last edge leads to the first node.
+        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis: two
+        arrays.
+
+        They have one node less along the axis, and as many where it is periodic: there the last edge leads to the first
+        node. They are views, but the second one is a copy on a periodic axis.
         """
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
@@ -323,8 +338,10 @@ class Grid:
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim) with the coordinates of periodic axes wrapped into [lower, upper), a new array; also
-        traced points. The points themselves where no axis is periodic.
+        """Points (M, ndim), also traced ones, with coordinates on periodic axes wrapped into [lower, upper): a new
+        array.
+
+        Where no axis is periodic, the points themselves.
         """
         if not any(self.periodic):
             return points
@@ -337,7 +354,7 @@ class Grid:
 
     @kept
     def _ends(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Lower ends, upper ends, and which axes are periodic: (ndim,) each."""
+        """Lower ends, upper ends, and whether each axis is periodic (bool): (ndim,) each, read-only, made once."""
         return np.array(self.lower), np.array(self.upper), np.array(self.periodic)
 
     def interpolate(self, values: FloatArray, points: FloatArray) -> FloatArray:
@@ -371,7 +388,10 @@ class Grid:
 
     @kept
     def arrays(self) -> Lattice:
-        """The grid as compiled code takes it: see `Lattice`."""
+        """The grid as compiled code takes it, a `Lattice`, read-only, made once.
+
+        `least`, `most` and `safe_ends` have `SLACK` cells added.
+        """
         (least, most), (low, high) = self.faces("fails"), self.faces("frees")
         slack, shape = SLACK * np.array(self.spacing), np.array(self.shape, dtype=np.int64)
         ends = least - slack, most + slack, np.concatenate([low - slack, high + slack])
@@ -379,8 +399,9 @@ class Grid:
         return Lattice(*nodes, *ends, first=0 * shape, extent=shape)
 
     def ends_where(self, *fates: Fate) -> FloatArray:
-        """Whether the lower and the upper end of each axis has one of these fates for a state beyond (`End`): (2, ndim)
-        bool, False on periodic axes.
+        """Whether the lower and the upper end of each axis has one of these fates: (2, ndim) bool, read-only.
+
+        fates : names of fields of `End`, "fails", "holds" or "frees". False on periodic axes. Kept by the fates.
         """
         if fates not in (cache := self._ends_where):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
@@ -388,8 +409,10 @@ class Grid:
         return cache[fates]
 
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
-        """Coordinates of the lower and upper ends with one of these fates, both (ndim,); -inf and +inf for other
-        ends. A padding lies beyond them.
+        """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each.
+
+        -inf and +inf for other ends. Where the grid has a `padding`, the end is where this begins, not where the nodes
+        end. Read-only, kept by the fates.
         """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)
@@ -399,12 +422,13 @@ class Grid:
         return cache[fates]
 
     def has(self, fate: Fate) -> bool:
-        """Whether some bounded axis has an end with this fate."""
+        """Whether some bounded axis has an end with this fate, "fails", "holds" or "frees"."""
         return bool(self.ends_where(fate).any())
 
     def to_ends(self, fate: Fate) -> FloatArray:
-        """Distance of each node to the nearest end with a fate, < 0 past it, +inf without one, along its own axis and
-        in its unit; broadcasts to the grid.
+        """Distance from each node to the nearest end with a fate, along the end's own axis and in its unit.
+
+        Broadcasts to the grid. < 0 at nodes past the end, +inf where there is no such end.
         """
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
@@ -414,31 +438,41 @@ class Grid:
 
     @cached_property
     def walled(self) -> "Grid":
-        """The same nodes with walls at all ends; made once."""
+        """A grid with the same nodes, all of whose bounded ends are walls; made once."""
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim) clipped at the ends with these fates, by default at walls ("holds"); a new array."""
+        """States (..., ndim), also traced ones, clipped at the ends with these fates, by default at walls ("holds").
+
+        A new array.
+        """
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
 
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
-        """Whether states (..., ndim) are past an end with one of these fates by more than rounding (`SLACK` cells):
-        bool (...).
+        """Whether states (..., ndim) are past an end with one of these fates, by more than `SLACK` cells: bool (...).
+
+        False for NaN. Coordinates on periodic axes do not matter.
         """
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
 
     @kept
     def weights(self) -> FloatArray:
-        """Share of the grid's volume that each node represents, shape `shape`; half a cell at a bounded end."""
+        """Share of the grid's volume that each node represents, (*shape), read-only, made once; the shares add up to 1.
+
+        At a bounded end a node represents half a cell.
+        """
         total = np.ones(())
         for axis in range(self.ndim):
             total = total[..., None] * self.shares(axis)
         return total
 
     def shares(self, axis: int) -> FloatArray:
-        """Share of an axis's length that each of its nodes represents, (shape[axis],)."""
+        """Share of an axis's length that each of its nodes represents, (shape[axis],), adding up to 1.
+
+        Half a cell at bounded ends.
+        """
         share = np.ones(self.shape[axis])
         if not self.periodic[axis]:
             share[[0, -1]] = 0.5
@@ -476,32 +510,36 @@ class Grid:
 
 @dataclass(frozen=True, init=False)
 class Rimmed(Grid):
-    """A grid of which some nodes lie past safe ends, so that games are played there (`sdhj.problem.boxes`).
+    """A grid of which some nodes, its padding, lie past safe ends, so that games are played there
+    (`sdhj.problem.boxes`).
 
-    over : how many nodes lie past the lower and the upper end of each axis, (ndim, 2).
+    over : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower` and
+    `upper` are where the nodes end; `faces("frees")` are the safe ends.
     """
 
     over: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
-        """The nodes of a grid, of which the first and the last over[axis] lie past its safe ends."""
+        """The nodes of `grid`, padding included, of which the first over[axis][0] and the last over[axis][1] lie past
+        safe ends.
+        """
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
         object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis lie past its lower and its upper safe end: `over`."""
+        """`over`: how many nodes of each axis lie past its lower and its upper safe end."""
         return self.over
 
 
 @dataclass(frozen=True, init=False)
 class Continued(Grid):
-    """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing, and walls at
-    all ends.
+    """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing to the bit,
+    and walls at all ends.
     """
 
     def __init__(self, grid: Grid, by: Sequence[int]) -> None:
-        """The grid with by[axis] nodes more on both sides of each axis."""
+        """The grid `grid` with by[axis] more nodes on both sides of each axis."""
         past, nodes = np.array(by) * grid.spacing, [n + 2 * more for n, more in zip(grid.shape, by, strict=True)]
         ends = (np.array(grid.lower) - past).tolist(), (np.array(grid.upper) + past).tolist()
         super().__init__(*ends, nodes, grid.periodic, grid.names, "wall")
@@ -512,15 +550,16 @@ class Continued(Grid):
 class Window(Grid):
     """Consecutive nodes of each axis of a grid, on which functions are sampled and games are played as on the grid.
 
-    Ends, periodicity and spacing are those of the whole grid, and nodes have bit-for-bit the same coordinates. Results
-    close to where a window ends and the grid does not are wrong, as the window has no values beyond.
+    Its `shape` is its own; `lower`, `upper`, ends, periodicity and spacing are those of the whole grid, and nodes have
+    bit-for-bit the same coordinates. Results close to where the window ends and the grid does not are wrong, as the
+    window has no values beyond; who solves on it leaves these out. Made by `Grid.window`.
     """
 
-    whole: Any = None  # the grid
-    first: tuple[int, ...] = ()  # the window's first node on each axis
+    whole: Any = None  # the Grid of which it is a window
+    first: tuple[int, ...] = ()  # the index in it of the window's first node, on each axis
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
-        """The window of shape[axis] nodes of each axis of the whole grid, from the node first[axis] on."""
+        """The window of shape[axis] nodes of each axis of the grid `whole`, from the node first[axis] on."""
         for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
@@ -529,20 +568,20 @@ class Window(Grid):
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
-        """How many nodes of each axis of the whole grid lie past its safe ends."""
+        """How many nodes of each axis of the whole grid lie past its lower and its upper safe end."""
         return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:
-        """Indices that the window's nodes on one axis have in the whole grid, (shape[axis],)."""
+        """Indices (shape[axis],) int, in the whole grid, of the window's nodes on one axis."""
         return (self.first[axis] + np.arange(self.shape[axis])) % self.whole.shape[axis]
 
     def nodes(self, axis: int) -> FloatArray:
-        """Coordinates of the window's nodes on one axis, to the bit those of the whole grid."""
+        """Coordinates (shape[axis],) of the window's nodes on one axis: to the bit those of the whole grid."""
         return self.whole.nodes(axis)[self.places(axis)]
 
     def continued(self, by: Sequence[int]) -> Grid:
-        """The window with by[axis] more nodes on both sides of each axis, as a window of `Grid.continued` of the
-        whole grid.
+        """The window with by[axis] more nodes on both sides of each axis: a window of what `Grid.continued` makes of
+        the whole grid.
         """
         shape = [n + 2 * more for n, more in zip(self.shape, by, strict=True)]
         return self.whole.continued(by).window(self.first, shape)
@@ -552,14 +591,14 @@ class Window(Grid):
         return self.whole.shares(axis)[self.places(axis)]
 
     def _subgrid(self, axes: Sequence[int]) -> Grid:
-        """The window of some axes, in the order given, in the subgrid of the whole grid: see `subgrid`."""
+        """The window of these axes in the whole grid's subgrid of them: what `subgrid`, which keeps it, returns."""
         first, shape = ([one[axis] for axis in axes] for one in (self.first, self.shape))
         return self.whole.subgrid(axes).window(first, shape)
 
     @kept
     def arrays(self) -> Lattice:
-        """The window as compiled code takes it: the whole grid's `Lattice`, with the first node and the extent of
-        the window.
+        """The window as compiled code takes it: the whole grid's `Lattice`, with `first` and `extent` those of the
+        window; made once.
         """
         first, extent = np.array(self.first, dtype=np.int64), np.array(self.shape, dtype=np.int64)
         return self.whole.arrays._replace(first=first, extent=extent)

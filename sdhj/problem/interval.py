@@ -1,7 +1,8 @@
 """What input and adversary can do in one sampling interval.
 
 `Interval` alone defines what may happen from step k on: the velocity sets of the games, the boxes with which the
-controller looks ahead, and the plant that the simulation integrates.
+controller looks ahead, and the plant that the simulation integrates. In this file j is an input's index, "inputs" (M,)
+are indices, and times are in s.
 """
 
 import math
@@ -31,15 +32,27 @@ MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong u
 
 @dataclass(frozen=True)
 class Velocities:
-    """The velocity set at every node, in the form that the kernels take: v_i in [low_i, high_i].
+    """The velocity set under one input at every node, in the form that the kernels take: low_i <= v_i <= high_i on axis
+    i.
 
-    low, high : of each axis, its unit per second: arrays (ndim,) if they do not depend on the state, else (ndim,
-        *shape), or a list of arrays that broadcast to the shape, each on the axes that it varies along.
-    drift, gain : only if the adversary couples axes or a coordinate was projected out: (modes, ndim, *shape) and
-        (modes, ndim, D, *shape), the latter times the bounds of v. Then H(p) = max over modes of p . drift + sum_d |p .
-        gain_d|.
-    shape : of the grid, where it is not that of the arrays.
-    terms : what `sdhj.solver.schemes` makes of them for the kernels, by the layout; None: it is not kept.
+    Where it is no box, `drift` and `gain` have it as modes, and low and high are their hull: H(p) = max over modes of p
+    . drift + sum_d |p . gain_d|. Arrays are made read-only in place.
+
+    Attributes
+    ----------
+    low, high : (ndim,) array, (ndim, *shape) array, or list of ndim arrays
+        In the unit of each axis per second. (ndim,) where they do not depend on the state; the arrays of a list
+        broadcast to the grid's shape, each on the axes that it depends on.
+    drift : (modes, ndim, *shape) array, or None
+        Only where the adversary couples axes, or coordinates are left out that move several. Without `shape` where they
+        depend on no state.
+    gain : (modes, ndim, D, *shape) array, or None
+        As `drift`; times the bounds of v.
+    shape : tuple of int
+        Of the grid, where low and high are lists; else ().
+    terms : dict or None
+        What `sdhj.solver.schemes` makes of them for the kernels, by the layout, filled there in place; None: it is not
+        kept.
     """
 
     low: Any
@@ -50,30 +63,34 @@ class Velocities:
     terms: dict[Any, Any] | None = field(default=None, repr=False)  # what is made of them for the kernels, if kept
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
+        """Make the arrays read-only, in place."""
         read_only((self.low, self.high, self.drift, self.gain))
 
     def kept(self) -> "Velocities":
-        """The same velocities with a dictionary `terms`, in which what is made of them for the kernels is kept, by the
-        layout.
+        """The same velocities, arrays shared, with a dictionary `terms` in which schemes keep what they make of them.
+
+        Itself where it has one already.
         """
         return self if self.terms is not None else replace(self, terms={})
 
     @property
     def coupled(self) -> bool:
-        """Whether the adversary couples axes, so that the velocity set is no box."""
+        """Whether the velocity set is no box, because the adversary couples axes or coordinates are left out: it has
+        modes.
+        """
         return self.drift is not None
 
     @property
     def nbytes(self) -> int:
-        """Bytes of low, high, drift and gain; what is in `terms` is not counted."""
+        """Bytes of low, high, drift and gain; `terms` are not counted."""
         parts = [part for part in (self.low, self.high, self.drift, self.gain) if part is not None]
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """Number of time steps that the CFL condition dt * sum_i max|v_i| / dx_i <= cfl requires, at most `MOST_STEPS`.
+        """How many time steps the CFL condition requires for a duration in s: dt max over nodes of sum_i max|v_i| /
+        dx_i <= cfl.
 
-        ValueError if it is more.
+        ValueError if there are more than `MOST_STEPS`; 0 where nothing moves.
         """
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
@@ -86,8 +103,10 @@ class Velocities:
 
 
 def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what: str) -> ValueError:
-    """A ValueError to be raised for an interval of `duration` s that needs too many (`count`) of `what` at speeds
-    (ndim,); it names the axis on which most cells are crossed.
+    """Make, not raise, the ValueError for an interval of `duration` s that needs more than `MOST_STEPS` of something.
+
+    speed (ndim,) : greatest |velocity| on each axis; the message names the axis on which most cells are crossed. count,
+    what : how many of what are needed.
     """
     axis = int(np.argmax(speed / np.array(grid.spacing)))
     return ValueError(
@@ -98,8 +117,10 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper corners of boxes, each moved towards the other by `spread` >= 0 (all broadcast); both in the
-    middle where no more than rounding would be left between them.
+    """Boxes with lower and upper corners moved towards each other by `spread` >= 0, all three arrays broadcast.
+
+    Where less than `ROUNDING` of the spread is left between them, both corners are in the middle. low and high
+    themselves where spread is 0 everywhere.
     """
     if not np.any(spread):
         return low, high
@@ -109,8 +130,9 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 
 
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
-    """Whether the set of segments from -pushes[:, k] to pushes[:, k], pushes (axes, K), is its own mirror image about
-    an axis: along each direction as much length as along the mirrored one.
+    """Whether the sum of the segments from -pushes[:, k] to pushes[:, k] is its own mirror image about an axis.
+
+    pushes (axes, K). It is so where along each direction there is as much length as along the mirrored one, up to 1e-9.
     """
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
@@ -121,8 +143,9 @@ def _symmetric(axis: int, pushes: FloatArray) -> bool:
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
-    """Yield each input that occurs among `inputs` (M,), indices, ascending, and the rows where it does: indices, or a
-    slice where M is 1.
+    """Yield (j, rows) for each input j that occurs among `inputs` (M,), ascending; rows index those states.
+
+    rows : an array of indices, or slice(None) where M is 1.
     """
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
@@ -137,7 +160,8 @@ class Interval:
 
     Made by `ReachAvoidProblem.interval`. It moves states (`advance`), bounds where they may be at the end (`ahead`,
     `reachable_boxes`), and has the velocity sets of the games (`velocities`, `displacement_boxes`). States may have any
-    coordinates on periodic axes.
+    coordinates on periodic axes; they are wrapped before velocities are evaluated. It is immutable; what is found once
+    is kept with it, or with its dynamics.
     """
 
     grid: Grid
@@ -145,33 +169,37 @@ class Interval:
     begin: float  # when it begins, s
     delta: float  # how long it lasts, s
     early: float = 0.0  # how much sooner the adversary may end it, s
-    wider: FloatArray | float = 0.0  # (ndim,), by how much boxes of what is reachable are widened
-    whole: "Interval | None" = None  # of a window of a grid: that on all of it
+    wider: FloatArray | float = 0.0  # by how much boxes that `ahead` returns are widened to each side: (ndim,), or 0
+    whole: "Interval | None" = None  # where the grid is a window: the interval on the whole grid
 
     @property
     def end(self) -> float:
-        """The time at which the interval ends, s: begin + delta."""
+        """The latest time at which the interval ends, s: begin + delta.
+
+        The adversary may end it sooner by up to `early`.
+        """
         return self.begin + self.delta
 
     @cached_property
     def walled(self) -> "Interval":
-        """The same interval on a grid with walls at all ends, at which states are then clipped."""
+        """The same interval on a grid whose bounded ends are all walls, at which states and boxes are then clipped.
+
+        Made once.
+        """
         return replace(self, grid=self.grid.walled)
 
     # ---- of single states: the controller, the adversaries, the plant
 
     def drift(self, states: Any, j: int, t: Any) -> Any:
-        """Velocity of states (M, ndim) under input j without the adversary at time t, s: (M, ndim). Traced arrays may
-        be given, too.
-        """
+        """Velocity of states (M, ndim), also traced ones, under input j without the adversary at time t: (M, ndim)."""
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain for each state (M, ndim) under its input, indices (M,), at time t: (M, ndim, D); see
-        `VectorField.gain_at`.
+        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its input (M,), an index, at time t: (M,
+        ndim, D).
         """
         points = self.grid.wrapped(states)
-        if self.dynamics.alike:
+        if self.dynamics.shared_gain:
             return self.dynamics.gain_at(points, 0, t)
         gain = np.empty((*states.shape, self.dynamics.adversaries))
         for j, rows in by_input(inputs):
@@ -179,14 +207,17 @@ class Interval:
         return gain
 
     def bounds(self, inputs: FloatArray, t: float) -> FloatArray:
-        """Half-widths of the adversary's box under each of the inputs (M,), indices, at time t: (M, D)."""
-        if self.dynamics.alike:
+        """Half-widths of the box of v under each of the inputs (M,), indices, at time t: (M, D), perhaps read-only.
+
+        ValueError where a bound is below 0.
+        """
+        if self.dynamics.shared_gain:
             return np.broadcast_to(self.dynamics.bounds_at(0, t), (len(inputs), self.dynamics.adversaries))
         table = np.stack([self.dynamics.bounds_at(j, t) for j in range(len(self.dynamics.inputs))])
         return table[inputs]
 
     def undisturbed(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """Velocity of each state (M, ndim) under its input, indices (M,), without an adversary at time t: (M, ndim)."""
+        """Velocity of each state (M, ndim) under its input (M,), an index, without v at time t: (M, ndim)."""
         if self.dynamics.constant:
             return self.dynamics.arrays[0][inputs]
         velocity = np.empty_like(states)
@@ -195,9 +226,11 @@ class Interval:
         return velocity
 
     def advance(self, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, duration: float) -> FloatArray:
-        """States `duration` s after t under constant inputs (M,) and v (M, D), clipped at the walls of the grid.
+        """Where states (M, ndim) are `duration` s after t, under constant inputs (M,), indices, and v (M, D): (M,
+        ndim).
 
-        Exact for constant velocities, else one Runge-Kutta step of order 4.
+        Exact for constant velocities, else one Runge-Kutta step of order 4, so long durations need several calls.
+        States are clipped at walls, and not wrapped on periodic axes. That v is within its bounds is not checked.
         """
         if self.dynamics.constant:
             moved = states + duration * (self.dynamics.arrays[0][inputs] + v @ self.dynamics.arrays[1].T)
@@ -209,13 +242,14 @@ class Interval:
         return out
 
     def _runge_kutta(self, j: int, whole: Any, t: Any, duration: Any) -> Any:
-        """One Runge-Kutta step of order 4 under input j, from time t, clipped at walls at each stage: states and
-        disturbances side by side, (M, ndim + D), to the states `duration` s later, (M, ndim).
+        """One Runge-Kutta step of order 4 under input j, from time t, clipped at walls at each stage: states (M, ndim).
+
+        whole (M, ndim + D) : states and disturbances side by side. Also traced.
         """
         states, v = whole[:, : self.grid.ndim], whole[:, self.grid.ndim :]
 
         def velocity(q: Any, now: Any) -> Any:
-            """The velocity at states q (M, ndim) and time `now`, s, under input j and v."""
+            """The velocity (M, ndim) at states q and the time `now`, under input j and v."""
             return self.dynamics.velocity_at(self.grid.wrapped(q), j, v, now)
 
         def moved(span: Any, slope: Any) -> Any:
@@ -229,8 +263,10 @@ class Interval:
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A function of points (M, coordinates), and of so many parameters of which the first is the time, as one
-        formula, made once for `what` on this grid; the function itself where the dynamics have black boxes.
+        """A function of points (M, coordinates) and so many parameters, the time first, as one formula, to be computed
+        faster.
+
+        It is made once for the key `what` and this grid. Where the dynamics have a black box it is the function itself.
         """
         if not self.dynamics.formulas:
             return function
@@ -239,17 +275,20 @@ class Interval:
         return self.dynamics.made_once(key, function, coordinates, parameters)
 
     def displacements(self, states: FloatArray) -> FloatArray:
-        """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it.
+        """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it: (M, L,
+        ndim).
 
-        Shape (M, L, ndim), or (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the
-        midpoint rule.
+        (1, L, ndim) where it is the same for all states. Exact for a constant drift, else by the midpoint rule.
         """
         _, _, moved, more = self.ahead(states)[:PATH]
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Where every input j takes the states without an adversary, relative to them, both (M, L, ndim): delta f(x,
-        t), and by the midpoint rule delta f(x + delta f / 2, t + delta / 2). `begin` is t, s.
+        """Where every input takes states (M, ndim) without an adversary, relative to them, by Euler and by the midpoint
+        rule.
+
+        delta f(x, t) and delta f(x + delta f / 2, t + delta / 2), (M, L, ndim) each, the point halfway clipped at
+        walls. begin : t. Also traced.
         """
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
@@ -261,9 +300,9 @@ class Interval:
     def reachable_boxes(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
-        Lower and upper corners, both (M, L, ndim), or (1, L, ndim) where they are the same for all states. Exact where
-        velocities do not depend on the state; else the adversary's gain is that at the start, and pieces of v have
-        the velocities halfway.
+        Lower and upper corners, (M, L, ndim) each, or (1, L, ndim) where they are the same for all states (M, ndim).
+        They enclose where velocities do not depend on the state; else they are second order: the drift by the midpoint
+        rule, the gain that at the start, and pieces of v with the velocities halfway.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
@@ -271,11 +310,12 @@ class Interval:
 
     def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
         """Some of the states of `reachable_boxes` that the adversary can bring about, relative to the states: (M, L, P,
-        ndim), or (1, L, P, ndim).
+        ndim).
 
-        sides (P, ndim), each from 0 to 1: of a box the points there, as if its corners were 0 and 1. Where components
-        of v move several axes, each is at the end that lies farther in this direction from the middle; between planes,
-        where the way from the middle of the box to the point leaves them.
+        (1, L, P, ndim) where they are the same for all states (M, ndim). sides (P, ndim), from 0 to 1 : the points of a
+        box whose corners are 0 and 1. Where components of v move several axes (`VectorField.oblique`), each is at the
+        end of its segment that lies farther from the middle in this direction. Where v is cut into pieces, the way from
+        the middle of the box to the point ends at the first plane (`normals`) that it would cross.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
@@ -292,12 +332,16 @@ class Interval:
         return np.asarray(points)
 
     def ahead(self, states: FloatArray) -> FloatArray:
-        """Boxes and paths that each input leads to, relative to the states: (4 + K, L, ndim, M or 1 if alike for all).
+        """Boxes and paths that each input leads to, relative to states (M, ndim): (4 + K, L, ndim, M), or 1 in place of
+        M.
 
-        [0], [1]: lower and upper corners of a box. [2] and [3], a and b: the path without an adversary, x(t + s delta)
-        = x + s a + s^2 b for 0 <= s <= 1. Exact for a constant drift, else to second order. Behind them, half of each
-        segment that components of v which move several axes add to the box (`VectorField.oblique`); or the greatest n .
-        x of the states x at the end for each of the `normals` n, ndim of them in a term.
+        1 where they are the same for all states. [0], [1]: lower and upper corners of a box. [2], [3]: a and b of the
+        path without an adversary, x(t + s delta) = x + s a + s^2 b, 0 <= s <= 1; exact for a constant drift, else to
+        second order.
+
+        The other K: half of each segment that a component of v which moves several axes adds to the box
+        (`VectorField.oblique`); or, where there are `normals` n, the greatest n . x of the states x at the end, ndim
+        normals in each of the K, the last of which is filled up with zeros. A new array that may be written.
         """
         if self.dynamics.stateless:
             return self._ahead_everywhere.copy()  # compiled look-ups take it in place of what they write
@@ -306,15 +350,15 @@ class Interval:
 
     @kept
     def _ahead_everywhere(self) -> FloatArray:
-        """`ahead` where it is the same for all states, (4 + K, L, ndim, 1)."""
+        """`ahead` where it is the same for all states, (4 + K, L, ndim, 1), read-only, made once."""
         return np.ascontiguousarray(np.moveaxis(self._ahead(np.array([self.grid.lower]), self.begin), 0, -1))
 
     @property
     def ahead_formula(self) -> Formula | None:
-        """`ahead` as one formula of states and the time of the interval's begin, (4 + K, L, ndim) for each state.
+        """`ahead` as one formula of states and the time t of the interval's begin, with results (4 + K, L, ndim).
 
         None where it is the same for all states, where the dynamics have a black box, or where v does not enter
-        linearly.
+        linearly. Made once for all intervals of a problem that differ in their begin alone.
         """
         dynamics = self.dynamics
         if dynamics.stateless or not dynamics.formulas or dynamics.gain is None:
@@ -324,11 +368,11 @@ class Interval:
         return found
 
     def _ahead(self, states: Any, begin: Any) -> Any:
-        """`ahead` of states (M, ndim) of an interval that begins at `begin`, s, with the states first: (M, 4 + K, L,
+        """`ahead` of states (M, ndim) for an interval that begins at `begin`, with the states first: (M, 4 + K, L,
         ndim).
 
-        The boxes are hulls over the ends that the adversary may choose (now, in the middle and at the latest), widened
-        by `wider`. States may be traced.
+        M is 1 in the result where it is the same for all states. States may be traced. The boxes are hulls over three
+        of the ends that the adversary may choose (now, in the middle and at the latest), widened by `wider`.
         """
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
@@ -347,11 +391,13 @@ class Interval:
 
     @kept
     def normals(self) -> FloatArray:
-        """Normals of the planes that states end between where v is cut into pieces, (K, ndim), apart from the axes.
+        """Normals, beside the axes, of the planes that bound where states may end where v is cut into pieces: (K,
+        ndim), read-only.
 
-        In the plane of each two axes that a component moves, `FAN` for each of its pieces, evenly apart as nodes are.
-        The mean of v's velocities over an interval lies in the hull of those of the pieces, whose greatest part along
-        each normal is known; the more pieces, the less is between the planes beside that hull.
+        (0, ndim) where v is not cut. In the plane of each two axes that a component moves there are `FAN` for each of
+        its pieces, at most `MOST_WAYS`, evenly apart if axes are measured in cells. The mean of v's velocities over an
+        interval lies in the hull of those of the pieces, whose greatest part along each normal is known; the more
+        pieces, the less lies between planes and hull. Made once.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.cuts(range(ndim)))
@@ -366,31 +412,36 @@ class Interval:
         return np.array(found).reshape(-1, ndim)
 
     def _greatest_along(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over all v for each way n (K, ndim), under each input: (M, L, K). States (M,
-        ndim); the interval begins at `begin`, s.
+        """The greatest n . (x(end) - x) over all v for each way n, from states (M, ndim) under each input: (M, L, K).
 
-        Exact where velocities do not depend on the state; else delta times the greatest velocity beyond the drift
-        halfway, at the begin, middle and end.
+        ways (K, ndim) : the vectors n. Where velocities do not depend on the state, M is 1 in the result, which is an
+        upper bound. Else delta times the greatest velocity beyond the drift, halfway, at the begin, middle and end, is
+        added to the drift by the midpoint rule. begin : the time at which the interval begins.
         """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
             shares = self.delta * (WEIGHTS / 2 if dynamics.timed else np.ones(1))
             nothing = np.zeros((1, self.grid.ndim))
-            each = [[dynamics.along(nothing, j, t, ways) for t in times.tolist()] for j in count]
+            each = [[dynamics.greatest_along(nothing, j, t, ways) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
         instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         (moved, centre), far = self._moves(states, begin), []
         for j in count:
             # where the state is halfway without an adversary: velocities at the begin alone would err to first order
             points = self.grid.wrapped(self.grid.clipped(states + moved[:, j] / 2))
-            beyond = [dynamics.along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants]
+            beyond = [
+                dynamics.greatest_along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants
+            ]
             far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
 
     def _half_segments(self, states: Any, begin: Any) -> list[Any]:
-        """For each component d of v in `VectorField.oblique`: gain_d bounds_d under each input, (M, L, ndim), which is
-        half of the segment that it adds to the velocity of states (M, ndim); a list.
+        """[gain_d bounds_d under each input, (M, L, ndim), for each component d in `VectorField.oblique`] at states (M,
+        ndim).
+
+        It is half of the segment that the component adds to the velocity. States may be traced. begin : the time of the
+        gain.
         """
         dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
         if not dynamics.oblique:
@@ -400,12 +451,13 @@ class Interval:
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Lower and upper corners at the end, relative to the states (M, ndim), of what the drift and those components
-        of v that move one axis add: both (M, L, ndim), or (1, L, ndim) where velocities do not depend on the state.
+        """Corners of the box at the end, relative to states (M, ndim), of what the drift and the other components of v
+        add.
 
-        Exact there; else the drift by the midpoint rule, and around it delta times the greatest deviation by v, at the
-        begin and, if anything depends on time, in the middle and at the end. `begin` is the time, s, at which the
-        interval begins.
+        Lower and upper, (M, L, ndim) each; (1, L, ndim) and exact where velocities do not depend on the state. The
+        other components are all but those in `VectorField.oblique`. Else it is the drift by the midpoint rule, and
+        around it delta times the greatest deviation by v, at the begin and, if anything depends on time, in the middle
+        and at the end. begin : the time at which the interval begins. States may be traced.
         """
         dynamics = self.dynamics
         if dynamics.stateless:
@@ -432,22 +484,25 @@ class Interval:
     # ---- of velocities that do not depend on the state: the Hopf-Lax formula
 
     def extremes(self, t: float) -> FloatArray:
-        """The least and the greatest velocity along each axis under each input at time t: (2, L, ndim)."""
+        """The least and the greatest velocity along each axis under each input at time t: (2, L, ndim).
+
+        Only where velocities do not depend on the state.
+        """
         nothing = np.zeros((1, self.grid.ndim))
         each = [self.dynamics.extremes(nothing, j, t)[0] for j in range(len(self.dynamics.inputs))]
         return np.stack(each, axis=1)
 
     @kept
     def _constant_extremes(self) -> FloatArray:
-        """`extremes` where they do not depend on time, found once."""
+        """`extremes` where they do not depend on time either, made once."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper corners, (L, ndim) each, of the displacements under each input from `begin` to `end`, s into
-        the interval.
+        """Corners, (L, ndim) each, of the box of displacements under each input from `begin` to `end`, s into the
+        interval.
 
-        (end - begin) times the mean over time of the least and the greatest velocity. For velocities that do not depend
-        on the state; exact where they do not depend on time, else by Gauss's rule with 8 nodes.
+        (end - begin) times the mean over time of the least and of the greatest velocity; exact where these do not
+        depend on time, else by Gauss's rule with 8 nodes. Only where velocities do not depend on the state.
         """
         if self.dynamics.timed:
             times = self.begin + begin + (end - begin) * (NODES + 1) / 2
@@ -458,13 +513,14 @@ class Interval:
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """Of components of v that move several of some axes, half the segment that each adds to the velocity, gain_d
-        bounds_d: (L, K, axes).
+        """Half of the segment that each component of v which moves several of these axes adds to the velocity: (L, K,
+        axes).
 
-        The displacement over tau is that of the box less their share, plus any point of each segment times tau. None (K
-        = 0) where gain or bounds depend on time, and none of those that move an axis with a wall, unless nothing drifts
-        along it and the set of segments is symmetric about it: what is held at a wall may end elsewhere. For velocities
-        that do not depend on the state.
+        It is gain_d bounds_d. The displacement over a time tau is that of the box less the segments' share, plus tau
+        times any point of each segment. Components that move an axis with a wall are left out unless nothing drifts
+        along it and the segments are symmetric about it: what is held at the wall may end elsewhere
+        (`_may_leave_at_wall`). K = 0 where gain or bounds depend on time, or no component couples these axes. Only
+        where velocities do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
@@ -476,13 +532,16 @@ class Interval:
         pushes *= some
         oblique = (some.sum(axis=1) > 1).any(axis=0)
         for i, axis in enumerate(own):
-            if self._holds(axis, i, pushes[:, :, oblique]):
+            if self._may_leave_at_wall(axis, i, pushes[:, :, oblique]):
                 oblique &= ~some[:, i].any(axis=0)
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
-    def _holds(self, axis: int, place: int, pushes: FloatArray) -> bool:
-        """Whether an axis has a wall at which states may be held and then end outside the sum of segments, pushes (L,
-        axes, K) with this axis at `place`: where something drifts along it, or they are not symmetric about it.
+    def _may_leave_at_wall(self, axis: int, place: int, pushes: FloatArray) -> bool:
+        """Whether an axis has a wall at which states may be held, and then end outside the sum of the segments
+        `pushes`.
+
+        So it is where something drifts along the axis, or the segments are not symmetric about it. pushes (L, axes, K)
+        : half segments, among whose axes this one is number `place`. Only where velocities do not depend on the state.
         """
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
@@ -492,8 +551,11 @@ class Interval:
 
     @property
     def held(self) -> FloatArray:
-        """Coordinates of the lower and upper walls at which states may end outside the sum of segments or past the
-        planes, (2, ndim); -inf and inf for other ends.
+        """Coordinates of the walls at which states may end outside the sum of segments, or past the planes of
+        `normals`.
+
+        (2, ndim), lower and upper; -inf and inf for all other ends. Without planes, and without segments or where
+        velocities depend on the state, those of all walls.
         """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
@@ -501,14 +563,17 @@ class Interval:
         if dynamics.oblique and dynamics.stateless:
             pushes = np.stack(self._half_segments(np.zeros((1, len(axes))), self.begin), axis=-1)[0]
             past = np.array([[-np.inf], [np.inf]])
-            walls = np.where([self._holds(axis, axis, pushes) for axis in axes], walls, past)
+            walls = np.where([self._may_leave_at_wall(axis, axis, pushes) for axis in axes], walls, past)
         return walls
 
     # ---- on the grid: velocity sets for the games
 
     def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """A formula of one result at the nodes of the axes that it reads, time t; broadcastable over the subgrid of the
-        axes `seen`, which are these and others.
+        """The values at time t of a formula with one result, at the nodes of the axes that it reads.
+
+        Broadcasts to the subgrid of `seen`.
+
+        seen : axes, ascending, among which are all that the formula reads.
         """
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
@@ -518,8 +583,10 @@ class Interval:
         return self.grid.subgrid(seen).lift(values, [seen.index(axis) for axis in read])
 
     def ends_at_nodes(self, j: int, t: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """The least and the greatest velocity along each axis under u_j over all v at the nodes, time t: two lists of
-        ndim arrays that broadcast to the grid's shape, each on the axes that it reads.
+        """The least and the greatest velocity along each axis under input j over all v, at the nodes and time t.
+
+        Two lists of ndim arrays that broadcast to the grid's shape, each on the axes that it depends on, as far as that
+        is known.
         """
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
@@ -531,8 +598,9 @@ class Interval:
 
     @kept
     def speeds(self) -> FloatArray:
-        """The greatest |velocity| along each axis over all nodes, inputs and v: (ndim,); of what depends on time at
-        some instants of the interval. On a window that of the whole grid.
+        """The greatest |velocity| along each axis over all nodes, inputs and v: (ndim,), read-only, made once.
+
+        Of what depends on time at some instants of the interval only. On a window it is that of the whole grid.
         """
         if self.whole is not None:
             return self.whole.speeds
@@ -541,23 +609,28 @@ class Interval:
         return np.max([[max(-low.min(), high.max()) for low, high in zip(*pair, strict=True)] for pair in ends], axis=0)
 
     def on(self, grid: Grid) -> "Interval":
-        """The interval on a window of its grid; what is said of the whole grid (`speeds`) stays as it is there."""
+        """The interval on a window of its grid, whose `whole` is this one, so that `speeds` stays that of the whole
+        grid.
+        """
         return replace(self, grid=grid, whole=self)
 
     def self_contained(self, axes: Iterable[int]) -> tuple[int, ...]:
-        """The smallest set of axes, ascending, that holds `axes` and whose velocities depend on no other coordinate."""
+        """The smallest set of axes with `axes` in it whose velocities depend on no other coordinate; ascending."""
         found = set(axes)
         while grown := {int(k) for i in found for k in np.flatnonzero(self.dynamics.reads[i])} - found:
             found |= grown
         return tuple(sorted(found))
 
     def velocities(self, j: int, axes: Sequence[int], t: float | None = None, *, drift: bool = True) -> Velocities:
-        """The velocity set under u_j along some axes at time t, by default at the begin, on their subgrid.
+        """The velocity set under input j along some axes at time t, by default at the begin, on the subgrid of these.
 
-        Coordinates left out that enter are taken at all their nodes (App. A.4): each is one mode, H = max over modes.
-        Where they move the velocity of one axis at most and the adversary does not couple axes, the hull of the modes'
-        boxes has the same H: it is again a box, cheaper and with the sharper flux. drift=False leaves the drift out
-        (the moving frame).
+        Coordinates that are left out and matter are taken at all their nodes (App. A.4): each combination of them is a
+        mode, and H is the maximum over modes. Where they move the velocity of one axis at most, and the adversary does
+        not couple axes, the hull of the modes' boxes has the same H and is returned instead: cheaper, with the sharper
+        flux.
+
+        drift : False leaves the drift out (the moving frame); only where velocities do not depend on the state.
+        MemoryError where modes or pieces do not fit.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -578,19 +651,17 @@ class Interval:
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """Some axes and all those that their velocities read, ascending; and the places in this list of the axes that
-        were added.
-        """
+        """These axes and those that their velocities read, ascending, and where in this list the added ones stand."""
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
     def _hull(self, j: int, axes: list[int], t: float) -> Velocities | None:
-        """The velocity set under u_j along some axes at time t as a box, each end sampled on the axes that it reads and
-        its extreme taken over coordinates left out.
+        """The velocity set under input j along some axes at time t as a box, with lists of arrays each on the axes that
+        it reads.
 
-        None where a box would be larger than the set: where the adversary couples the axes, or left-out coordinates
-        move the velocity of several; and where it cannot be sampled so, with black boxes or v that does not enter
-        linearly. ValueError where a bound is below 0.
+        Its ends are the extremes over coordinates left out. None where the box would be larger than the set (the
+        adversary couples the axes, or coordinates left out move the velocity of several), and where it cannot be
+        sampled so (black boxes, or v that does not enter linearly). ValueError where a bound of v is below 0.
         """
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         if not dynamics.formulas or dynamics.gain is None:
@@ -608,8 +679,9 @@ class Interval:
         return Velocities(lows, highs, shape=self.grid.subgrid(axes).shape) if swayed <= 1 else None
 
     def _points_of_axes(self, seen: list[int]) -> FloatArray:
-        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, the other coordinates at their lower
-        ends.
+        """States (M, ndim) at the nodes of the subgrid of the axes `seen`, in their order.
+
+        Other coordinates are the lower ends.
         """
         grid = self.grid.subgrid(seen)
         points = np.tile(np.array(self.grid.lower), (grid.size, 1))
@@ -617,11 +689,12 @@ class Interval:
         return points
 
     def _boxes_of_pieces(self, j: int, axes: list[int], t: float) -> Velocities:
-        """The velocity set under u_j along some axes at time t where v does not enter linearly: a box, or one for each
-        piece of v's range, as modes whose gain is diagonal.
+        """The velocity set under input j along some axes at time t as a box for each piece of v, where v does not enter
+        linearly.
 
-        A velocity is in the box of some piece, so that H is at most the maximum over them, and no less than that of a
-        box over the whole range. Boxes hold all coordinates that are left out. MemoryError where the pieces do not fit.
+        The boxes are modes with a diagonal gain; a single one is a plain box. Each velocity is in the box of some
+        piece, so the true H is at most the maximum over them, which is at most that of one box for all v. The boxes
+        hold all coordinates that are left out. MemoryError where the pieces do not fit.
         """
         dynamics, (seen, outside), cuts = self.dynamics, self._with_axes_read(axes), self.dynamics.cuts(axes)
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
@@ -645,9 +718,11 @@ class Interval:
         return Velocities(low.min(axis=0), high.max(axis=0), drift=(low + high) / 2, gain=gain)
 
     def _modes(self, j: int, axes: list[int], t: float) -> tuple[FloatArray, FloatArray]:
-        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under u_j along some axes at
-        time t: a mode for each combination of nodes of the coordinates left out that enter. MemoryError if they do not
-        fit.
+        """Drift (modes, axes, *subgrid) and gain times bounds (modes, axes, D, *subgrid) under input j along some axes
+        at time t.
+
+        A mode for each combination of nodes of the coordinates left out that the velocities read. MemoryError if they
+        do not fit.
         """
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.adversaries

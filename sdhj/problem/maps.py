@@ -57,10 +57,11 @@ HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _G
 def map_distance(
     source: Any, resolution: float | None, origin: Sequence[float], radius: float, name: str
 ) -> tuple[Callable[[Any, Any], Any], tuple[float, float, float]]:
-    """The signed distance (x (M,), y (M,)) -> (M,), in the map's frame, to all that a map does not show as free, less a
-    radius; and the pose of that frame, (x, y, yaw).
+    """The signed distance (x (M,), y (M,)) -> (M,) to all that a map does not show as free, less a radius, and the
+    map's pose.
 
-    source, resolution, origin, radius, name : as for `UnsafeSet.from_map`, with the errors that it names.
+    x, y and distance are in m, in the map's frame, whose pose is the second result, (x, y, yaw). source, resolution,
+    origin, radius, name : as for `UnsafeSet.from_map`, with the errors that it names.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -89,8 +90,8 @@ def map_distance(
     del nodes
 
     def distance(x: Any, y: Any) -> Any:
-        """At places (M,), m in the map's frame: the table's interpolant at the nearest place on the map, less the
-        distance to that.
+        """The table's interpolant at the nearest place on the map, less the distance to that place: (M,), m, at places
+        x, y (M,).
         """
         past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
         return table(np.stack([x, y], axis=1)) - np.hypot(*past)
@@ -99,12 +100,12 @@ def map_distance(
 
 
 def clearance(blocked: FloatArray, side: float) -> FloatArray:
-    """Signed distance to the blocked pixels and the outside of the map, m, negative in them, at nodes half a pixel
-    apart; `side` is that of a pixel, m.
+    """Signed distance to blocked pixels and to what is outside the map, m, negative in them, at nodes half a pixel
+    apart.
 
-    It is the distance to the border: the nearest node that is both on an unsafe square and on a free one. blocked
-    (rows, columns) bool, row 0 at the top; returns (2 columns + 1, 2 rows + 1), x before y, both ascending. ImportError
-    without SciPy.
+    blocked (rows, columns) bool, row 0 at the top. side : that of a pixel, m. Returns (2 columns + 1, 2 rows + 1), x
+    before y, both ascending. It is the distance to the border: the nearest node that is both on a blocked square and on
+    a free one. ImportError without SciPy.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -112,7 +113,7 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
         raise ImportError(f"distances on a map need SciPy; {MISSING}") from error
 
     def closed(cells: FloatArray) -> FloatArray:
-        """Whether each node touches the closed square of one of the cells (n, m) bool: (2 n + 1, 2 m + 1) bool."""
+        """Whether each node touches the closed square of one of the cells, (n, m) bool: (2 n + 1, 2 m + 1) bool."""
         centres = np.zeros([2 * n + 1 for n in cells.shape], np.bool_)
         centres[1::2, 1::2] = cells
         return np.asarray(binary_dilation(centres, np.ones((3, 3))))
@@ -131,13 +132,14 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
 
 
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
-    """The pixels that are not free (rows, columns) bool, the side of a pixel, m, and the origin (x, y, yaw) of a map
-    server's YAML file and its picture.
+    """The pixels that are not free, (rows, columns) bool, the side of a pixel, m, and the origin (x, y, yaw) of a map.
 
-    As for the map server, a pixel is free if its darkness (its lightness with `negate`), from 0 to 1, is below
-    `free_thresh`. All other pixels are occupied or unknown, in mode "trinary" and in mode "scale" alike, and so are
-    pixels that are not opaque. Warns where grey 205, which marks unknown pixels, counts as free. ValueError, with the
-    file's name, where it or the picture cannot be read or is not what it should be.
+    path : a map server's YAML file, beside which its picture lies. As for the map server, a pixel is free if its
+    darkness (its lightness with `negate`), from 0 to 1, is below `free_thresh`. All other pixels are occupied or
+    unknown, in mode "trinary" and in mode "scale" alike, and so are pixels that are not opaque.
+
+    Warns where grey 205, which marks unknown pixels, counts as free. ValueError, with the file's name, where the file
+    or the picture cannot be read or is not what it should be; ImportError without PyYAML or Pillow.
     """
     try:
         import yaml
@@ -178,7 +180,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
 
 
 def spelled(text: Any) -> Any:
-    """float(text) where a text spells a number, or what was given, unchanged."""
+    """float(text) where a text spells a number; else what was given, unchanged."""
     try:
         return float(text)
     except (TypeError, ValueError):
@@ -186,8 +188,10 @@ def spelled(text: Any) -> Any:
 
 
 def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
-    """Lightness of the pixels of a PGM, PPM, PBM, PNG or BMP file, 0 to 255, and whether they are opaque: both (rows,
-    columns). ValueError, with the path, for other or damaged files and those that are too large.
+    """Lightness of the pixels of a picture, 0 to 255, and whether they are opaque (bool): (rows, columns) each.
+
+    The file may be a PGM, PPM, PBM, PNG or BMP. ValueError, with the path, for other or damaged files and those that
+    are too large; MemoryError where it does not fit; ImportError without Pillow.
     """
     try:
         from PIL import Image
@@ -214,11 +218,10 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
 
 
 def netpbm(data: bytes) -> bytes:
-    """The bytes of a PGM, PPM or PBM file, its header rewritten without comments; ValueError where it has no such
-    header, or is not as long as that says.
+    """The bytes of a PGM, PPM or PBM file, with its header written anew without comments.
 
-    Such a file has no checksum: where something has changed its line ends, the picture is shifted. MemoryError where
-    the picture does not fit.
+    ValueError where there is no such header, or the file is not as long as the header says: it has no checksum, and
+    where something has changed its line ends, the picture is shifted. MemoryError where the picture does not fit.
     """
     found = HEADER.match(data, 0, MOST_TEXT)
     if not found:
@@ -245,8 +248,9 @@ def netpbm(data: bytes) -> bytes:
 
 
 def few_chunks(data: bytes) -> bytes:
-    """The bytes of a file, unchanged; ValueError where it is a PNG with more than `MOST_CHUNKS` chunks that hold little
-    or none of its pixels, which takes long to read.
+    """The bytes of a file, unchanged; ValueError for a PNG that takes long to read on purpose.
+
+    It is one with more than `MOST_CHUNKS` chunks that hold none of its pixels, or few.
     """
     place, count = 8, 0
     while data.startswith(b"\x89PNG") and place + 8 <= len(data):
@@ -258,8 +262,9 @@ def few_chunks(data: bytes) -> bytes:
 
 
 def contents(path: Path, most: int) -> bytes:
-    """The bytes of a file; ValueError where it has more than `most`, or is no plain file and might not end; OSError
-    where it cannot be read.
+    """The bytes of a file; ValueError where it has more than `most`, or is no plain file, which might not end.
+
+    OSError where it cannot be read.
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise ValueError("it is a folder, a device or a pipe")
@@ -271,8 +276,10 @@ def contents(path: Path, most: int) -> bytes:
 
 
 def require_memory_for_map(width: int, height: int) -> None:
-    """Raise ValueError where a map of so many pixels has a larger table of distances than a problem may have,
-    MemoryError where reading it does not fit into memory.
+    """Refuse a map that is too large, from its width and height in pixels, before it is read.
+
+    ValueError where its table of distances is larger than a problem may have; MemoryError where reading it does not
+    fit.
     """
     size = 8 * (2 * width + 1) * (2 * height + 1)
     if size > MOST_TABLES:
@@ -284,7 +291,5 @@ def require_memory_for_map(width: int, height: int) -> None:
 
 
 def refused(path: Path, what: str, why: Exception | str) -> ValueError:
-    """A ValueError to be raised about a file that is not `what` it should be, and `why`, in one line that is not
-    long.
-    """
+    """Make, not raise, a ValueError that says in one line that the file is not `what` it should be, and `why`."""
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

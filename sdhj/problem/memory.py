@@ -14,15 +14,18 @@ GROUPS = {
 
 
 def available() -> tuple[int, str] | None:
-    """Bytes that this process can still allocate, and words that say which limit that is, the least of machine,
-    process and control groups; None if the system reports none.
+    """How many bytes this process can still allocate, and words that say which limit that is, as "are available".
+
+    It is the least that the machine, the process and its control groups leave. None if the system reports no limit at
+    all.
     """
     return min([*_of_machine(), *of_process(), *of_control_groups()], default=None)
 
 
 def _of_machine() -> Iterator[tuple[int, str]]:
-    """Yield the memory that the machine has available, bytes, and the words "are available"; nothing where there is no
-    /proc/meminfo.
+    """Yield (bytes, "are available") for the memory that the machine has available.
+
+    Nothing where there is no /proc/meminfo.
     """
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
@@ -30,8 +33,9 @@ def _of_machine() -> Iterator[tuple[int, str]]:
 
 
 def of_process() -> Iterator[tuple[int, str]]:
-    """Yield the bytes that are left of this process's address space, and words that say of which limit; nothing if it
-    is not limited.
+    """Yield (bytes, words that name the limit) for what is left of this process's address space.
+
+    Nothing if it is not limited.
     """
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
@@ -45,10 +49,11 @@ def of_process() -> Iterator[tuple[int, str]]:
 def of_control_groups(
     root: Path = Path("/sys/fs/cgroup"), groups: Path = Path("/proc/self/cgroup")
 ) -> Iterator[tuple[int, str]]:
-    """Yield the bytes that each control group of the process, and each one above it, leaves, and words that say which;
-    a container sees its own group as the root.
+    """Yield (bytes left, words that name the group) for each limited control group of the process, and those above it.
 
-    root, groups : where the groups are mounted, and the file that names those of this process.
+    Memory that the group can reclaim counts as left. A container sees its own group as the root.
+
+    root, groups : the folder where groups are mounted, and the file that names those of this process.
     """
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)
@@ -63,7 +68,7 @@ def of_control_groups(
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a file; none if the system has no such file."""
+    """The lines of a text file; [] where it cannot be read, as on another system."""
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except OSError:  # no such file on this system
@@ -71,10 +76,10 @@ def _lines(path: Path) -> list[str]:
 
 
 def require(needed: int, what: str, remedy: str = "use fewer nodes") -> None:
-    """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`; the message says how much and gives
-    the remedy.
+    """Raise MemoryError if `what` needs more bytes (`needed`) than are `available`.
 
-    Up to `SPARE` bytes nothing is checked.
+    The message says how much is needed and left, and ends with the remedy. Up to `SPARE` bytes nothing is checked. No
+    memory is reserved.
     """
     free = available() if needed > SPARE else None
     if free is not None and needed > free[0]:

@@ -1,10 +1,11 @@
 """Level-set functions at the nodes of a grid: sampled and checked, closed on their boundary, or bounded by cell."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
-from sdhj.kernels import FloatArray
+from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.grid import Grid, Window
 from sdhj.problem.sets import LARGEST, STEEP
 
@@ -17,16 +18,19 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 
 
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape), sampled piece by piece;
-    ValueError by `supported`, with the set's `name`.
+    """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, sampled piece by piece.
+
+    ValueError as of `supported`, with the set's `name`.
     """
     values = [supported(function, piece.points(), name) for piece in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
 
 
 def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
-    """Values (M,) of a level-set function at points (M, ndim); ValueError where one is not finite, above `LARGEST`, or
-    so small that single precision would make it 0.
+    """The values (M,) of a level-set function at points (M, ndim), after a check that single precision can hold them.
+
+    ValueError, with the set's `name`, where one is not finite, above `LARGEST` in magnitude, or so small that it would
+    become 0.
     """
     values = function(points)
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
@@ -49,16 +53,18 @@ def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, 
 
 
 def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
-    """The largest difference of values (*shape) between neighbours along an axis; 0 where `values` has one node along
-    it, as they are alike there.
+    """The largest |difference| of values between neighbours along an axis; 0 where `values` have one node along it.
+
+    values : (*shape), or with one node on axes along which they do not change.
     """
     here, there = grid.edges(values, axis)
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
-    """For each node (or cell) the value at the one that is `by` further along an axis, which may be negative; around a
-    periodic axis, and `past` beyond the end of a bounded one. A new array.
+    """For each node (or cell) the value at the one that is `by` further along an axis: a new array.
+
+    by : negative for the other way. Around a periodic axis; beyond the end of a bounded one it is `past`.
     """
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
@@ -68,25 +74,32 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 
 
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
-    """The largest |value| of a level-set function at the corners of a grid; for a window, of the whole grid.
+    """The largest |value| of a level-set function of points at the corners of a grid; for a window, of the whole grid.
 
-    What counts as rounding is relative to it, so that neither the unit nor the cut of the grid makes a difference. 1
+    What counts as rounding is relative to this, so that neither the unit nor the cut of the grid makes a difference. 1
     where all values are 0 or undefined.
     """
-    ends = [whole.nodes(axis)[[0, -1]] for whole in [getattr(grid, "whole", grid)] for axis in range(grid.ndim)]
-    corners = np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1)
+    corners = _corners(getattr(grid, "whole", grid))
     return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
 
 
-def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
-    """Values of an unsafe set, shape grid.shape, made negative at all nodes where they are <= 0, as G is closed; a new
-    array. size: of the function, by `size_of`.
+@lru_cache(maxsize=16)
+def _corners(grid: Grid) -> FloatArray:
+    """The corners of a grid, (2^ndim, ndim)."""
+    ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
+    return read_only(np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1))
 
-    A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set (an unsigned
-    distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is therefore
-    extrapolated into the set with its slope just outside, which puts the boundary of a distance where it belongs. If
-    the slope at the set is steeper than before, as where the function jumps or is cut off, the set is assumed to end
-    next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
+
+def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
+    """Values (*grid.shape) of an unsafe set, made negative at all nodes where they are <= 0, as G is closed.
+
+    A new array. A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set
+    (an unsigned distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is
+    therefore extrapolated into the set with its slope just outside, which puts the boundary of a distance where it
+    belongs. If the slope at the set is steeper than before, as where the function jumps or is cut off, the set is
+    assumed to end next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
+
+    size : of the function, from `size_of`; `ON_BOUNDARY` and `HAIR` are shares of it.
     """
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
@@ -124,8 +137,10 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
 
 
 def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], axis: int, by: int) -> FloatArray:
-    """Values (K,) of a grid function at the nodes that are `by` nodes further along an axis than the nodes `at`, an
-    index array (K,) for each axis; around periodic axes, NaN past a bounded end.
+    """Values (K,) at the nodes that are `by` nodes further along an axis than the K nodes `at`; NaN past a bounded end.
+
+    values : (*grid.shape). at : an index array (K,) for each axis, as np.nonzero gives. by : negative for the other
+    way. Around periodic axes.
     """
     n, moved = grid.shape[axis], at[axis] + by
     found = values[(*at[:axis], moved % n, *at[axis + 1 :])]
@@ -133,8 +148,11 @@ def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], a
 
 
 def with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
-    """A window enlarged by up to `AROUND` nodes on each side, as far as the whole grid goes, and the index (`np.ix_`)
-    of the original window in its arrays.
+    """A window enlarged by up to `AROUND` nodes on each side, as far as the whole grid goes, and where the window lies
+    in it.
+
+    The second result is an index (`np.ix_`) of the window's nodes in arrays of the enlarged one. On a periodic axis the
+    enlarged window may be the whole axis.
     """
     first, shape, places = [], [], []
     for n, begin, count, periodic in zip(grid.whole.shape, grid.first, grid.shape, grid.periodic, strict=True):
@@ -148,15 +166,15 @@ def with_nodes_around(grid: Window) -> tuple[Grid, tuple[FloatArray, ...]]:
 
 
 def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """For each node, a lower bound on a level-set function in all cells that touch it, shape `grid.shape`.
+    """For each node, a lower bound on a level-set function in all cells that touch it, (*grid.shape); not for windows.
 
-    It is the least, over the points z of a lattice of `FINE` parts per cell, of
+    It is the least, over the points z that cut each cell's edge into `FINE` parts, of
 
         f(z) - 1/2 sum over the axes of the largest |f(z') - f(z'')|,
 
     with z' and z'' neighbours along the axis, both at most one part from z: so a steep function far away costs nothing.
-    The set of the interpolated bounds contains the true set. The lattice has points at both ends of a periodic axis, as
-    a function that is not periodic jumps between the two and not before them.
+    The set of the interpolated bounds contains the true set. Both ends of a periodic axis have points, as a function
+    that is not periodic jumps between the two and not before them. A bound of 0 becomes minus `ON_BOUNDARY`.
     """
     lines = [
         np.linspace(low, np.nextafter(high, low) if periodic else high, (n if periodic else n - 1) * FINE + 1)
@@ -176,8 +194,10 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
 
 
 def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
-    """For each point of a lattice, values (*points): the largest |difference| between two neighbours along an axis,
-    both at most one point away from it along every axis; the same shape.
+    """For each point, the largest |difference| between two neighbours along an axis that are both at most one point
+    away.
+
+    values : at the points of a grid; at most one point away along every axis. The same shape.
     """
     change = np.abs(np.diff(values, axis=axis))
     change = np.maximum(

@@ -17,8 +17,10 @@ ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts
 
 
 def outline(vertices: Any) -> Any:
-    """A simple polygon of Shapely with vertices (K, 2), counter-clockwise, without repeated vertices; ValueError where
-    they have another shape or their edges meet, ImportError without Shapely.
+    """The simple polygon of Shapely with these vertices (K, 2), in either direction, counter-clockwise and without
+    repeated ones.
+
+    ValueError where they have another shape, or where edges meet or there is no area; ImportError without Shapely.
     """
     try:
         import shapely
@@ -34,8 +36,8 @@ def outline(vertices: Any) -> Any:
 
 
 def triangles(shape: Any) -> list[FloatArray]:
-    """Corners (K, 2), counter-clockwise, of a polygon of Shapely that is convex, or else of the triangles that it is
-    cut into: a list.
+    """[corners (K, 2), counter-clockwise] of the triangles that a polygon of Shapely is cut into, or of itself if it is
+    convex.
     """
     import shapely
 
@@ -51,8 +53,8 @@ def corners_of(shape: Any) -> FloatArray:
 
 
 def convex_parts(shape: Any) -> list[FloatArray]:
-    """Corners (K, 2), counter-clockwise, of a few convex polygons that together are the polygons `shape` of Shapely: a
-    list.
+    """[corners (K, 2), counter-clockwise] of a few convex polygons that together are `shape`, one or more polygons of
+    Shapely.
 
     They are triangles, of which two are joined as long as their hull is no larger than both; parts without an area are
     left out.
@@ -74,23 +76,24 @@ def convex_parts(shape: Any) -> list[FloatArray]:
 
 
 def around(shape: Any) -> Any:
-    """The polygon of Shapely that the bounding box of a polygon has besides it: box minus polygon."""
+    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as polygons of Shapely."""
     import shapely
 
     return shapely.difference(shapely.box(*shape.bounds), shape)
 
 
 def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArray, float], FloatArray]:
-    """Level-set function (points (M, 2), t) -> (M,) of a polygon with vertices (K, 2), the same at all t: its signed
-    distance, negative inside, less a robot's radius. See `UnsafeSet.polygon`; ValueError where the vertices go around
-    no simple polygon.
+    """Level-set function (points (M, 2), t) -> (M,) of a polygon with vertices (K, 2) that is enlarged by a radius, m.
+
+    Signed distance to the polygon, negative inside, less the radius; t does not matter. ValueError where the vertices
+    go around no simple polygon; ImportError without Shapely.
     """
     shape = outline(vertices)
     corners, parts, radius = corners_of(shape), triangles(shape), number("radius", radius, least=0.0)
     rounding = ROUNDING * np.ptp(corners, axis=0).max()
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """Signed distance to the polygon at points (M, 2), less the radius."""
+        """Signed distance (M,) to the polygon, negative inside, at points (M, 2), less the radius; t is not used."""
         along, right, lengths = _along_edges(points, corners)
         past = np.maximum(along - lengths, np.minimum(along, 0.0))  # 0 beside the edge
         distance = np.hypot(past, right).min(axis=1)
@@ -101,8 +104,11 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
 
 
 def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of points (M, 2) and the edges of a polygon with corners (K, 2): how far each point is along each edge from its
-    begin, and to its right, both (M, K), and the edges' lengths (K,).
+    """How far points (M, 2) lie along and to the right of the edges of a polygon, both (M, K), and the edges' lengths
+    (K,).
+
+    corners (K, 2) : edge k begins at corner k and ends at the next one, the last at the first. Along is measured from
+    the begin of the edge.
     """
     edges, out = np.roll(corners, -1, axis=0) - corners, points[:, None] - corners
     lengths = np.hypot(*edges.T)
@@ -111,9 +117,10 @@ def _along_edges(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
 
 
 def _outside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, corners (K, 2) counter-clockwise, and only
-    there: the greatest distance to the right of an edge or beyond the bounding box, by which bounds over intervals are
-    tighter at acute corners.
+    """A number (M,) that is <= 0 at points (M, 2) in a convex polygon, and > 0 at all others.
+
+    It is the greatest distance to the right of an edge, or beyond the bounding box, which tightens bounds over boxes at
+    acute corners. corners (K, 2), counter-clockwise.
     """
     beyond = np.maximum(points - corners.max(axis=0), corners.min(axis=0) - points)
     return np.maximum(_along_edges(points, corners)[1].max(axis=1), beyond.max(axis=1))

@@ -104,8 +104,10 @@ class ReachAvoidProblem(Sampled):
             """Make a problem; the arguments are those of the class."""
 
     def __post_init__(self) -> None:
-        """Read the functions, and check that all parts fit one another (`sdhj.problem.consistency`); ValueError where
-        they do not.
+        """Read the functions, and check that all parts fit one another (`sdhj.problem.consistency`).
+
+        Fields are replaced by what is made of them: dynamics by a `VectorField`, a target of None by `ANYWHERE`,
+        numbers by float and int. ValueError where something does not fit.
         """
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
@@ -149,8 +151,10 @@ class ReachAvoidProblem(Sampled):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """Raise ValueError where a field is of the wrong type, or where there is nothing to do; write a target of None
-        as `ANYWHERE`, the unsafe sets as a tuple and the recipe read-only.
+        """Check the types of the fields, and that there is something to do; ValueError otherwise.
+
+        `__post_init__` calls it first. In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the
+        recipe read-only.
         """
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")
@@ -183,5 +187,8 @@ class ReachAvoidProblem(Sampled):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything that a table depends on, and all names, hexadecimal (`digest_of`)."""
+        """SHA-256, hexadecimal, of everything that a table depends on, and of all names (`digest_of`).
+
+        Made once, black boxes being called.
+        """
         return digest_of(described(self), arrays_of(self))

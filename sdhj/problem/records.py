@@ -87,7 +87,9 @@ class RecordedBounds:
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Bounds and measurement error, how likely they are exceeded, and what the model does not explain."""
+        """Several lines: bounds and measurement error, how likely they are exceeded, and what the model does not
+        explain.
+        """
         lines = [f"{len(self.peaks)} records, confidence {self.confidence:.0%}"]
         for d, (low, seen, high) in enumerate(zip(self.least, self.peaks.max(axis=0), self.bounds, strict=True)):
             lines.append(f"v[{d}]: at least {low:.4g}, largest recorded {seen:.4g}, bound {high:.4g}")
@@ -181,10 +183,10 @@ def bounds_from_records(
 
 
 def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
-    """The largest push of each record, (n, D), at least 0; pushes (rows, D) has the rows of all records, `counts` of
-    them each, one record behind the other.
+    """The largest push of each record, (n, D), at least 0.
 
-    ValueError where a component of v is -inf in all rows of a record: nothing told it from the others.
+    pushes (rows, D) : of all records, one behind the other, -inf where nothing tells a component of v from the others.
+    counts : how many rows each record has. ValueError where a component is -inf in all rows of all records.
     """
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
@@ -196,10 +198,12 @@ def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
 
 
 def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
-    """The most that the probability can be, with a confidence, that another record exceeds the largest of `count`.
+    """The most that the probability can be, with a confidence, that another record exceeds the largest of `count`
+    records.
 
-    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, with n = count and m = quantities, any of
-    which counts; 1 where there are not more records than quantities. ValueError where a number is less than 1.
+    The eps of sum_{i < m} C(n, i) eps^i (1 - eps)^(n - i) = 1 - confidence, with n = count and m = quantities, any one
+    of which may be exceeded; 1 where there are not more records than quantities. ValueError where `count` or
+    `quantities` is no whole number of at least 1.
     """
     count, quantities = whole("count", count, least=1), whole("quantities", quantities, least=1)
     low, high = 0.0, 1.0
@@ -213,12 +217,12 @@ def chance(count: int, quantities: int = 1, confidence: float = 0.95) -> float:
 def _measured(
     problem: ReachAvoidProblem, tables: list[FloatArray], miss: float, error: Any, rest: Any, better: Any
 ) -> tuple[list[FloatArray], FloatArray]:
-    """The records, (T, 1 + ndim or more) each, whose states are nearest the true ones, and the bound on the error of
-    the measurements in `tables`, (ndim,).
+    """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement.
 
-    The states are those of `better` where it is given, else of `tables`. The error is that of tables against `better`,
-    half of what the record `rest` ranges over, or `error` as given; each bound that is found is exceeded with
-    probability `miss`. ValueError where `better` or `rest` does not fit.
+    The states are those of `better` where it is given, else of `tables`, (T, 1 + ndim or more) each. The error is that
+    of `tables` against `better`, half of what the record `rest` ranges over, or `error` as given; each bound that is
+    found is exceeded with probability `miss`. Just one of error, rest and better is not None. ValueError where `better`
+    or `rest` does not fit.
     """
     ndim = problem.grid.ndim
     if better is not None:
@@ -236,10 +240,10 @@ def _measured(
 
 
 def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
-    """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from the n values (n, m) that were
-    recorded.
+    """Upper bounds (m,) on m quantities, each exceeded with probability `miss`, from n >= 2 recorded values (n, m).
 
-    x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... and k = min(LARGEST, n).
+    x_1 + (x_1 - x_k) (miss^(-1 / (k - 1)) - 1), for the largest x_1 >= x_2 >= ... of a quantity and k = min(`LARGEST`,
+    n).
     """
     ordered = np.sort(values, axis=0)
     k = min(LARGEST, len(values))
@@ -247,11 +251,11 @@ def _upper_bounds(values: FloatArray, miss: float) -> FloatArray:
 
 
 def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatArray:
-    """A record, an array or the path of a CSV file with a line of names, as float64 (T, columns), or with `wider` of
-    more columns.
+    """A record as float64 (T, columns), from an array or the path of a CSV file whose first line has names.
 
-    ValueError, with `name` or the path, where it has fewer than two rows, another number of columns, or times (column
-    0) that do not increase.
+    wider : whether it may have more columns. ValueError, with `name` or the path, where it has fewer than two rows,
+    another number of columns, a NaN or an infinity, or times (column 0) that do not increase; OSError where a file
+    cannot be read.
     """
     if isinstance(given, str | os.PathLike):
         given, name = np.loadtxt(given, delimiter=",", skiprows=1, ndmin=2), str(given)
@@ -266,7 +270,7 @@ def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatAr
 
 
 def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
-    """one - other of states (M, ndim), on periodic axes the short way round."""
+    """one - other, states (M, ndim) each, on periodic axes the short way round: (M, ndim)."""
     grid, off = problem.grid, one - other
     turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
     return off - np.where(grid.periodic, turn, 0.0) * np.round(off / turn)
@@ -275,12 +279,17 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For the T samples of all records, (T_i, 1 + ndim + m) each, that are measured to within `error` (ndim,): |v|, how
-    much of it the errors may be, both (T, D), and by how much a state is where no push can bring it, (T, ndim).
+    """The pushes of all samples, what errors of measurement may add to them, and by how much no push explains a state.
+
+    (|v|, (T, D); the errors' share of it, (T, D); the distance on each axis, (T, ndim)), for T = sum(T_i - 1) samples.
+
+    tables : records (T_i, 1 + ndim + m), whose samples stand one record behind the other in the results. error (ndim,)
+    : of their states.
 
     v solves y_{i+1} = flow(y_i, u_i, v; dt) by `CORRECTIONS` steps of Newton's method with the pseudoinverse B^+ of the
-    gain; |v| is -inf where the gain does not tell a component from the others. The errors may be |B^+| (e + w(dt)) /
-    dt. What is below `INTEGRATED` of an axis counts as 0.
+    gain; |v| is -inf where the gain does not tell a component from the others. Errors may be |B^+| (e + w(dt)) / dt,
+    with w at the longest dt. What is unexplained by less than `INTEGRATED` of an axis counts as 0. ValueError for an
+    input that the problem does not have.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -307,8 +316,9 @@ def _pushes(
 
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
-    """The index of the problem's input that equals each recorded one, (T, m) -> (T,); ValueError where one is off all
-    of them by more than `SAME_INPUT` of the largest.
+    """The index of the problem's input that each recorded one is, (T, m) -> (T,).
+
+    ValueError where one differs from all of them by more than `SAME_INPUT` of the largest, or of 1.
     """
     distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
@@ -322,21 +332,24 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) at time t under inputs (M,), indices, and constant v (M, D), within
-    spans (M, 1) s: (M, ndim), by `STRIDES` Runge-Kutta steps of order 4, walls ignored.
+    """Where the model leads from states (M, ndim) at time t, s, within spans (M, 1), s, by `STRIDES` Runge-Kutta steps:
+    (M, ndim).
 
-    Where the velocity depends on time, M is 1.
+    inputs (M,) : indices. v (M, D) : constant. Walls are ignored. Where the velocity depends on time, M must be 1.
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:
-        """The velocity at states q, `after` (a number) Runge-Kutta steps behind t, under the inputs and v: (M,
-        ndim).
+        """The velocity (M, ndim) at states q under inputs and v, at a time after t.
+
+        after : by how many Runge-Kutta steps h of the first row: the time is t + after h[0], one for all rows.
         """
         now = t + after * float(h[0, 0])
         pushed = np.einsum("mid,md->mi", np.broadcast_to(interval.gain(q, inputs, now), (len(q), *gain)), v)
         return interval.undisturbed(q, inputs, now) + pushed
 
     gain, h = (states.shape[1], v.shape[1]), spans / STRIDES
+    if interval.dynamics.constant:  # along a straight line
+        return states + spans * velocity(states, 0.0)
     for stride in range(STRIDES):
         first = velocity(states, stride)
         second = velocity(states + h / 2 * first, stride + 0.5)

@@ -1,4 +1,4 @@
-"""Problems in files: their formulas as text, and the problem read again from them."""
+"""Problems in files: a problem made again from the head and tables of a file, and how one differs from those."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,10 @@ from sdhj.problem.statement import LAYOUT
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
-    """The tables that formulas look up, the arrays "tables/0", "tables/1", ... of a file, in this order; made read-only
-    in place, so that formulas share them.
+    """The tables that formulas look up, in the order in which lines of text refer to them: a file's arrays "tables/0",
+    "tables/1", ...
+
+    They are made read-only in place, so that formulas share them.
     """
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
     for values in found.values():
@@ -29,11 +31,11 @@ def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
 
 
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
-    """The problem that the head of a file describes; ValueError if it has black boxes, another format, or is not one
-    that `described` writes.
+    """The problem that the head of a file describes, made and checked as a new one.
 
-    head : with grid and sensing as objects and inputs as an array, see `sdhj.table.files`. tables : that its formulas
-        look up.
+    head : what `described` writes, once `sdhj.table.files` has made grid and sensing objects and inputs an array; with
+    "recipe". tables : those that its formulas look up, from `tables_of`. ValueError if it has black boxes, another
+    format, or is not such a head.
     """
     formulas = head["formulas"]
     if formulas["format"] != FORMAT:
@@ -60,15 +62,18 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The entries of a head's sets, by the names of their formulas: "target", "unsafe 0", "unsafe 1", ..."""
+    """The entries of a head's sets by the names of their formulas: {"target": ..., "unsafe 0": ..., ...}."""
     unsafe = [one for one in head["sets"] if one["kind"] != "target"]
     target = [one for one in head["sets"] if one["kind"] == "target"]
     return dict(zip(["target"], target, strict=False)) | {f"unsafe {i}": one for i, one in enumerate(unsafe)}
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """The formulas of a head, by name; ValueError where one has other coordinates, parameters or results than its name
-    says, or cannot be read.
+    """{name: Formula} of a head.
+
+    ValueError where one has other coordinates, parameters or results than its name says, or cannot be read.
+
+    head, tables : as of `problem_from`. Formulas with a name that no part of the problem has are left out.
     """
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
@@ -87,11 +92,13 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 
 
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
-    """In words, how a problem differs from what a file describes, by more than the rounding of another machine; "" if
-    not at all.
+    """In words, how a problem differs from what a file describes, by more than rounding; "" if it does not.
 
-    Structures of formulas and all names must be equal, constants agree to 1e-12 of them (`sdhj.formulas.text.alike`),
-    inputs and values of black boxes, which are called for them, to 1e-12 of the largest.
+    head, arrays : those of the file, the head read as for `problem_from`. Must be equal: delta, steps, view_time,
+    sensing, the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas.
+    To 1e-12, for another machine's rounding, must agree: constants and tables of formulas (`sdhj.formulas.text.alike`),
+    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the head's formulas
+    cannot be read.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].told, problem.sensing.told
@@ -118,6 +125,8 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
 
 
 def near(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two arrays have one shape and agree to `CLOSE` of the largest number of `other` in their column."""
+    """Whether two arrays have one shape, and differ in each column by at most `CLOSE` of the largest |number| of
+    `other` there.
+    """
     most = np.abs(other).max(axis=0, initial=0.0)
     return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())

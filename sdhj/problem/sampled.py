@@ -1,4 +1,4 @@
-"""A problem on its grid: level-set functions of targets and unsafe sets at its nodes, and at any state."""
+"""A problem's level-set functions, of target and unsafe sets, at the nodes of its grid and at any state."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -23,13 +23,19 @@ PADDING = 4  # nodes past a safe end on the grid of the games: the widest stenci
 
 @dataclass(frozen=True)
 class Sampled(Statement):
-    """A problem whose functions are sampled: at the nodes of its grid, of a window of it (`on`), or of the games'
-    grid (`padded`); and asked at any state, without interpolation.
+    """A problem whose functions are asked at the nodes of its grid (`sample`, `goal`, `unsafe_at`), or at any state
+    (`..._value`).
+
+    At a state they are evaluated without interpolation. `on` is the problem on a window of its grid, `padded` the one
+    on the games' grid. Samples of sets that do not move are kept until `forget_samples`.
     """
 
     @cached_property
     def padded(self) -> Self:
-        """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is none."""
+        """The problem on the games' grid, with `PADDING` more nodes past each safe end; itself if there is no safe end.
+
+        Made once. Past a safe end dynamics and unsafe sets are as at the end.
+        """
         grid = self.grid
         padding = np.isfinite(grid.faces("frees")).T * PADDING  # (ndim, 2)
         if not padding.any():
@@ -39,8 +45,8 @@ class Sampled(Statement):
         wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
-            """The set continued past safe ends: beyond one, its level-set function and `swept` have their values at the
-            end.
+            """The unsafe set whose level-set function, and `swept`, have past safe ends the values that they have at
+            the end.
             """
             ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
@@ -51,8 +57,9 @@ class Sampled(Statement):
         return replace(self, grid=wide, dynamics=dynamics, unsafe=tuple(map(as_at_the_end, self.unsafe)))
 
     def on(self, grid: Grid) -> "Sampled":
-        """The problem on a window of its grid, without new checks; itself for its own grid. Half-widths, error growth
-        and speeds stay those of the whole grid.
+        """The problem on a window of its grid, an `OnWindow`, without new checks; itself for its own grid.
+
+        Half-widths, error growth and speeds stay those of the whole grid.
         """
         if grid is self.grid:
             return self
@@ -64,23 +71,25 @@ class Sampled(Statement):
         return map(self.on, self.grid.pieces())
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
-        """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of some axes, float64;
-        ValueError, with the set's `name`, where one is not finite or out of range (`sampled_on`).
+        """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of these axes, float64.
+
+        ValueError, with the set's `name`, where one is not finite or out of the range of single precision.
         """
         return sampled_on(self.grid.subgrid(axes), function, name)
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
-        """g of one unsafe set at time t at the nodes of its axes, made `closed`; read-only. A set that does not move is
-        sampled once.
+        """g of one unsafe set at time t, s, at the nodes of the subgrid of its axes, made `closed`; read-only.
+
+        A set that does not move is sampled once, whatever t is.
         """
         return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
 
     def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
-        """The samples of a set, read-only: what `sample()` returns, called once for a set that does not move, and each
-        time for one that does.
+        """The samples of a set, read-only: `sample()`, called each time for a set that moves, and once for one that
+        does not.
 
-        Those of a formula are kept with it, for as long as some problem holds them, for all problems that have it on
-        the same grid; those of a black box with this problem.
+        Those of a formula are shared by all problems that have this set on the same grid, as long as one of them keeps
+        them; those of a black box are this problem's alone.
         """
         if part.moving:
             return read_only(sample())
@@ -93,14 +102,16 @@ class Sampled(Statement):
         return self._static[level_set, *how]
 
     def forget_samples(self) -> None:
-        """Let go of the samples of static sets that this problem keeps."""
+        """Let go, in place, of the samples of sets that do not move; they are taken anew when they are asked for."""
         self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
-        """g of one unsafe set over [t0, t1] (`UnsafeSet.over`) at the nodes of its axes, or broadcast to those of
-        `axes`, which include them. view_time : by default the problem's.
+        """g of one unsafe set over [t0, t1], s (`UnsafeSet.over`), at the nodes of the subgrid of its axes; read-only.
+
+        It is made `closed`. axes : others among which the set's are, ascending, to whose subgrid the values are
+        broadcast. view_time : by default the problem's.
         """
         axes, view_time = tuple(axes) or unsafe_set.axes, view_time or self.view_time
         swept = partial(unsafe_set.over, t0=t0, t1=t1, view_time=view_time)
@@ -109,8 +120,10 @@ class Sampled(Statement):
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in unsafe_set.axes]), grid.shape)
 
     def _sampled(self, unsafe_set: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """An unsafe set's function of points at the nodes of its axes, made `closed`, according to its `sampling`: as
-        it is; times `STEEP` inside; or the lower bound over the cells around.
+        """A function of points of an unsafe set at the nodes of the subgrid of its axes, according to its `sampling`.
+
+        "nodes": the values, made `closed`. "steep": the same, times `STEEP` inside the set. "cell": the least in the
+        cells around each node. On a window the values are those that the whole grid has there.
         """
         grid, size = self.grid.subgrid(unsafe_set.axes), size_of(self.grid.subgrid(unsafe_set.axes), function)
         if unsafe_set.sampling == "cell":
@@ -157,29 +170,34 @@ class Sampled(Statement):
                 if jitter and unsafe_set.moving
                 else self.unsafe_at(unsafe_set, t)
             )
-            values = np.maximum(values, -grid.lift(g, unsafe_set.axes))
+            outside = -grid.lift(g, unsafe_set.axes)
+            fits = outside.shape == np.broadcast_shapes(values.shape, outside.shape)
+            values = np.maximum(values, outside, out=outside if fits else None)  # fresh memory takes ten times as long
         if self.has_no_target:
             values = np.maximum(values, -grid.to_ends("fails"))
         return np.ascontiguousarray(np.broadcast_to(values, self.grid.shape))
 
     def target_at(self, t: float) -> FloatArray:
-        """Level-set function of the target at time t at the nodes, in a shape that broadcasts to the grid's; -inf
-        where there is none. On small grids a static one is sampled once.
+        """Level-set function of the target at time t, s, at the nodes of its axes, in a shape that broadcasts to the
+        grid's.
+
+        -inf where there is no target. The samples of a target that does not move are kept if they are at most `SMALL`.
         """
         grid, target = self.grid, self.target
         if self.has_no_target:
             return np.full((1,) * grid.ndim, -np.inf)
 
         def sample() -> FloatArray:
-            """The target's level-set function at the nodes of its axes."""
+            """The target's level-set function at the nodes of the subgrid of its axes."""
             return self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
 
         large = grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
         return grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
-        """Level-set function of one set at states (M, ndim), periodic axes wrapped, and time t, without interpolation:
-        (M,).
+        """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
+
+        Periodic axes are wrapped.
         """
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
@@ -248,8 +266,11 @@ class Sampled(Statement):
         return self.unsafe_along(points[:, None], [number("t", t)], inputs)[:, 0]
 
     def unsafe_along(self, points: FloatArray, times: Sequence[float], inputs: FloatArray | None = None) -> FloatArray:
-        """The level-set function of G without interpolation at points (M, T, ndim), column i at times[i], times
-        ascending: (M, T). inputs as for `unsafe_value`: sets that are not unsafe under a row's input have +inf there.
+        """Level-set function of G along M paths of T states, without interpolation: (M, T); +inf where no set counts.
+
+        points (M, T, ndim) : states, column i at times[i], s. times : ascending; equal ones are evaluated together.
+        inputs (M,) : the index of the input that acts on each path, whose sets count; without it those that are unsafe
+        under all inputs.
         """
         ndim, out = self.grid.ndim, np.full(points.shape[:2], np.inf)
         wrapped = self.grid.wrapped(points.reshape(-1, ndim)).reshape(points.shape)
@@ -263,10 +284,10 @@ class Sampled(Statement):
         return out
 
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
+        """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
 
-        They are in G at that step; or within = 0, there is a target, and they are not in it. By the level-set functions
-        without interpolation.
+        A state is so if it is in G at the step's time, or if within = 0, there is a target, and it is not in it; by the
+        level-set functions without interpolation. Of G the sets count that are unsafe under all inputs.
         """
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
@@ -275,9 +296,7 @@ class Sampled(Statement):
 
 @dataclass(frozen=True)
 class OnWindow(Sampled):
-    """A problem on a window of its grid. It is not checked when made: its functions have been, on the `whole`
-    problem.
-    """
+    """A problem on a window of its grid, made by `Sampled.on`; not checked, as the `whole` problem has been."""
 
     whole: Sampled = field(kw_only=True)
 
@@ -292,8 +311,10 @@ class OnWindow(Sampled):
         return self.whole.error_growth
 
     def interval(self, step: int) -> Interval:
-        """The interval from step k on the window; where velocities depend on the state and not on time, its `speeds`
-        are those of the whole grid.
+        """The interval from step k on the window.
+
+        Its `speeds` are those of the whole grid where velocities depend on the state alone. Where they depend on time,
+        or not on the state, it is made as on any grid.
         """
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)

@@ -94,7 +94,10 @@ class Sensing:
     memory: bool = True
 
     def __post_init__(self) -> None:
-        """Check the numbers; ValueError where one does not fit."""
+        """Check the numbers; `error` becomes a float, or a tuple of one for each axis.
+
+        ValueError where one does not fit.
+        """
         if isinstance(self.error, Sequence | np.ndarray) and not isinstance(self.error, str):
             errors = tuple(number(f"error[{axis}]", one, least=0.0) for axis, one in enumerate(self.error))
             object.__setattr__(self, "error", errors)
@@ -108,25 +111,26 @@ class Sensing:
         object.__setattr__(self, "memory", bool(self.memory))
 
     def __bool__(self) -> bool:
-        """Whether there is any error, delay or jitter."""
+        """Whether there is any error, delay or jitter.
+
+        If not, robots measure exactly and act at once, whatever `memory` is.
+        """
         return bool(np.any(self.error) or self.delay or self.jitter)
 
     @property
     def remembers(self) -> bool:
-        """Whether the controller remembers: `memory`, and there is an error, delay or jitter, so that there is
-        something to remember.
-        """
+        """Whether the controller carries a point from step to step: `memory`, with an error, delay or jitter."""
         return self.memory and bool(self)
 
     @property
     def told(self) -> dict[str, Any]:
-        """The fields by name, as they stand in the head of a file: `memory` only where it is True, and nothing at all
-        where there is no error, delay or jitter.
+        """The fields by name, for the head of a file: `memory` only where it is True, and {} for a robot that measures
+        exactly.
         """
         return {name: value for name, value in vars(self).items() if name != "memory" or value} if self else {}
 
     def hold(self, delta: float) -> tuple[float, float]:
-        """The longest time for which an input may be held, delta + 2 jitter, and by how much it may be shorter, 4
-        jitter; s.
+        """The longest time for which an input may be held, delta + 2 jitter, and by how much that may be shorter, 4
+        jitter; in s.
         """
         return delta + 2 * self.jitter, 4 * self.jitter

@@ -91,8 +91,10 @@ class UnsafeSet:
     inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments and read the level-set function, and `swept`, as formulas; ValueError where one does not
-        fit.
+        """Check the arguments, and read `level_set` and `swept` as formulas, or check them as black boxes.
+
+        ValueError where one does not fit, NotTraced where one cannot be read. Whether the grid has the axes, and the
+        problem the inputs, the problem checks.
         """
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
@@ -339,8 +341,10 @@ class UnsafeSet:
 
     @classmethod
     def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
-        """The set of states in which the robot (`footprint`, by default a point) meets some `parts` of a body, or of
-        what is outside of it: its level-set function is their signed distance.
+        """The set of states in which the robot (`footprint`, by default a point) meets an obstacle or leaves a fence.
+
+        parts : those of `body`, or of what is outside of it. body : has the obstacle's pose and radius. axes,
+        footprint, name : as of `polygon`. ValueError where the axes do not fit the footprint.
         """
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
@@ -348,12 +352,13 @@ class UnsafeSet:
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time."""
+        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
         return bool(self.level_set.timed)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under each input of `inputs`, numbers, in their shape; None, whatever is applied:
-        whether it is so under all inputs, ().
+        """Whether the set is unsafe under each of these inputs, indices: bool, in their shape.
+
+        For None (), whether under all inputs.
         """
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
@@ -361,11 +366,11 @@ class UnsafeSet:
 
     def over(self, points: FloatArray, t0: float, t1: float, view_time: str) -> FloatArray:
         """Values (M,) at points (M, len(axes)) of one static level-set function for the whole interval [t0, t1] (Sec.
-        5.4 and 6.2.1).
+        5.4, 6.2.1).
 
-        With view_time "swept" its set contains this one at every time: `swept`, or a lower bound over each piece of
-        time; with "sampled" it is the union of 20 samples only. ValueError where a black box does not declare how fast
-        it changes.
+        view_time : "swept" for a set that contains this one at every time: `swept`, or the minimum of lower bounds over
+        `SUBSAMPLES` - 1 pieces of time. Otherwise the union of `SUBSAMPLES` samples alone. A set that does not move is
+        asked once, at t0. ValueError where a black box does not declare how fast it changes.
         """
         if not self.moving:
             return self.level_set(points, t0)
@@ -379,7 +384,7 @@ class UnsafeSet:
 
 
 class Solved(Protocol):
-    """A table, as the target of another problem sees it: its problem and grid, and its tubes as level-set functions."""
+    """What `TargetSet.from_table` needs of a table: its problem and grid, and its tubes as level-set functions."""
 
     @property
     def grid(self) -> Grid:
@@ -388,8 +393,10 @@ class Solved(Protocol):
     problem: Any
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points (M, ndim), t) -> (M,) of the tube from the step at time t, within so many steps,
-        or all that are left.
+        """Level-set function (points (M, ndim), t) -> (M,) of the tube of the step that begins at t, within so many
+        steps.
+
+        within : None for all steps that are left.
         """
 
 
@@ -428,14 +435,18 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        """Check the axes and read the level-set function as a formula; ValueError where one does not fit."""
+        """Check the axes, and read the level-set function as a formula, or check it as a black box.
+
+        ValueError where one does not fit, NotTraced where the function cannot be read. Whether the grid has the axes,
+        the problem checks.
+        """
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"
         object.__setattr__(self, "level_set", Formula.read(name, self.level_set, len(self.axes), "t"))
 
     @property
     def moving(self) -> bool:
-        """Whether the level-set function depends on the time."""
+        """Whether the level-set function depends on the time; a black box does unless its `rate` is 0."""
         return bool(self.level_set.timed)
 
     @classmethod
@@ -488,8 +499,9 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 
 
 def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
-    """The numbers of inputs that were given for the set `name`, ascending; ValueError where they are not one or more
-    whole numbers >= 0, each once.
+    """The indices of inputs that a user gave for the unsafe set `name`, as a tuple of int, ascending.
+
+    ValueError unless they are one or more whole numbers >= 0, each once.
     """
     found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
     numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)
@@ -501,7 +513,7 @@ def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
 
 
 def _plane(axes: Sequence[int], name: str) -> tuple[int, ...]:
-    """The two axes that were given for x and y of the set `name`; ValueError where they are not two whole numbers."""
+    """The two axes for x and y of the set `name`, as a tuple of int; ValueError unless they are two whole numbers."""
     if len(pair := axis_numbers(axes, name)) != 2:
         raise ValueError(f"axes of {name!r} must be two axes of the grid, for x and y, got {axes!r}")
     return pair

@@ -25,8 +25,22 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 
 @dataclass(frozen=True)
 class Statement(Remembering):
-    """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them; nothing is
-    checked here.
+    """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them.
+
+    It is the base of `Sampled` and `ReachAvoidProblem`; nothing is checked here. Compared by its fields. What is made
+    once is kept with it.
+
+    Attributes
+    ----------
+    dynamics : VectorField
+        As `Dynamics.read` made it.
+    target : TargetSet
+        `ANYWHERE`, the same object, where there is no target.
+    steps : int or None
+    _intervals : dict
+        What `interval` has made, by step; 0 for all steps where the dynamics do not depend on time.
+    _static : dict
+        Samples of sets that do not move, see `Sampled`.
     """
 
     grid: Grid
@@ -44,12 +58,12 @@ class Statement(Remembering):
 
     @property
     def most_steps(self) -> int:
-        """N; for a problem without a number of steps `FOREVER`, the most that are solved."""
+        """N, the number of steps; `FOREVER`, the most that are solved, for a problem without a number of steps."""
         return self.steps or FOREVER
 
     @property
     def has_no_target(self) -> bool:
-        """Whether there is no target, so that the task is only to stay clear of the unsafe sets."""
+        """Whether the task is only to stay clear of the unsafe sets, for all steps."""
         return self.target is ANYWHERE
 
     @property
@@ -59,7 +73,10 @@ class Statement(Remembering):
 
     @property
     def inputs(self) -> FloatArray:
-        """The inputs u_j that the robot can choose from, (L, m): one in each row, as they were given to `Dynamics`."""
+        """The inputs u_j that the robot can choose from, (L, m), one in each row, as they were given to `Dynamics`.
+
+        Read-only.
+        """
         return self.dynamics.inputs
 
     def time(self, step: int) -> float:
@@ -80,19 +97,23 @@ class Statement(Remembering):
         return step * self.delta + self.sensing.delay
 
     def span(self, step: int) -> tuple[float, float]:
-        """Earliest begin and latest end of the time in which the input of step k is held, s: `time(k)` less the jitter,
-        `time(k + 1)` plus it.
+        """Earliest begin and latest end, s, of the time in which the input of step k is held: time(k) - jitter, time(k
+        + 1) + jitter.
         """
         return self.time(step) - self.sensing.jitter, self.time(step + 1) + self.sensing.jitter
 
     @kept
     def half_widths(self) -> tuple[FloatArray, FloatArray]:
         """Half-widths of E, the box around a prediction that holds the state, and by how much reachable boxes are
-        widened to hold the next prediction; both (ndim,).
+        widened.
 
-        E is the solution w of dw/dt = A w + b with w(0) = error, a delay later (`growth_bound`). With memory, boxes are
-        widened to hold the next point that is carried on: by the growth of E, less what the push b does alone. Both 0
-        without a `Sensing`; ValueError where black boxes declare too little for A and b.
+        (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
+        = A w + b + jumps, w(0) = error (`steepness.rates`, `growth_bound`). Boxes of reachable states are widened so
+        that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is the longest
+        hold (`Sensing.hold`). With memory they are widened so that they hold the next point that is carried on: by
+        `error_growth` - b h.
+
+        ValueError where black boxes declare too little for A and b.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
@@ -105,11 +126,12 @@ class Statement(Remembering):
 
     @kept
     def error_growth(self) -> FloatArray:
-        """By how much the error of a point grows in an interval, (ndim,): w(interval) - E, where dw/dt = A w + b and
-        w(0) = E.
+        """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
 
-        The state, within E of a point c, is within E and that of where c is led under the same input, without a
-        disturbance.
+        w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.rates`, `growth_bound`), and h = delta + 2 jitter
+        is the longest hold. A state within E of a point c is then within E + this of where c is led under the same
+        input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for A and b,
+        or a velocity may be undefined.
         """
         slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
@@ -118,8 +140,10 @@ class Statement(Remembering):
         return growth_bound(slope, push + jumps, box, self.sensing.hold(self.delta)[0]) - box
 
     def interval(self, step: int) -> Interval:
-        """The motion from step k to k + 1; one object for all steps if the dynamics do not depend on time. Made once
-        and kept.
+        """The motion from step k to k + 1, for the time in which an input may be held; made once.
+
+        One object for all steps if the dynamics do not depend on time. Its boxes are widened by `half_widths`. Steps
+        beyond N may be asked for.
         """
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
@@ -128,45 +152,45 @@ class Statement(Remembering):
         return self._intervals[step]
 
     def moves(self, unsafe_set: UnsafeSet) -> bool:
-        """Whether the avoid tubes of an unsafe set differ from step to step: it moves, or the dynamics depend on
+        """Whether the avoid tubes of an unsafe set differ from step to step: the set moves, or the dynamics depend on
         time.
         """
         return unsafe_set.moving or self.dynamics.timed
 
     def avoid_axes(self, unsafe_set: UnsafeSet) -> tuple[int, ...]:
-        """The axes on which the avoid game of an unsafe set is solved, ascending: the set's, and those their velocities
-        depend on.
+        """The axes on which the avoid game of an unsafe set is solved, ascending.
 
-        Also those with safe ends, because a state that has left through one can no longer collide.
+        They are the set's axes, axes with safe ends, because a state that has left through one can no longer collide,
+        and all that the velocities along these depend on.
         """
         safe = np.isfinite(self.grid.faces("frees")).any(axis=0)
         return self.interval(0).self_contained({*unsafe_set.axes, *np.flatnonzero(safe).tolist()})
 
     @cached_property
     def time_invariant(self) -> bool:
-        """Whether nothing depends on time: not the dynamics, the target or an unsafe set."""
+        """Whether nothing depends on time: neither the dynamics nor the target nor an unsafe set; made once."""
         return not (self.dynamics.timed or self.target.moving or any(unsafe_set.moving for unsafe_set in self.unsafe))
 
     @property
     def opaque(self) -> dict[str, str]:
-        """Of each function that is a black box, by its name in `functions`, a phrase: what its author declares of
-        it.
-        """
+        """{name in `functions`: words on what its author declares} for each function that is a black box."""
         boxes = {name: part for name, part in self.functions.items() if isinstance(part, BlackBox)}
         fields = ("reads", "slope", "rate", "enclosure")
         known = {n: ", ".join(one for one in fields if getattr(part, one) is not None) for n, part in boxes.items()}
         return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
-        """The black box of that name in `functions`; AssertionError if that is a formula."""
+        """The black box of that name in `functions`; AssertionError if the function is a formula."""
         found = self.functions[name]
         assert isinstance(found, BlackBox)
         return found
 
     @property
     def functions(self) -> "dict[str, Formula | BlackBox]":
-        """All functions of the problem, by the names that files give them: "drift" and "gain", or "velocity"; "bounds",
-        "target", "unsafe 0", "swept 0", ...
+        """All functions of the problem that there are, by the names that files give them.
+
+        "drift" and "gain", or "velocity" where v does not enter linearly; "bounds", "target", and for each unsafe set i
+        "unsafe i" and "swept i".
         """
         dynamics = self.dynamics
         named = {"drift" if dynamics.gain is not None else "velocity": dynamics.drift, "gain": dynamics.gain}
@@ -177,8 +201,9 @@ class Statement(Remembering):
 
     @property
     def texts(self) -> "tuple[dict[str, list[str]], list[Lookup]]":
-        """The formulas as lines of text, by their names in `functions`, and a list of the tables that they look up, to
-        whose places the lines refer.
+        """{name in `functions`: lines of text} for each formula, and the list of the tables that formulas look up.
+
+        The lines refer to tables by their position in the list (`sdhj.formulas.text.written`). Made anew each time.
         """
         tables: list[Lookup] = []
         found = {n: written(one.outputs, tables) for n, one in self.functions.items() if isinstance(one, Formula)}
@@ -186,8 +211,10 @@ class Statement(Remembering):
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """Everything that a table depends on beside functions, plain numbers, lists and text, as it stands in the
-        head of a file: delta, steps, view_time, grid, inputs, sensing and sets.
+        """Everything that a table depends on beside functions, as plain numbers, lists and text for the head of a file.
+
+        Keys: delta, steps, view_time, grid, inputs, sensing and sets, the target, if there is one, before the unsafe
+        sets.
         """
         sets: list[dict[str, Any]] = [
             {"name": p.name, "kind": "unsafe", "axes": list(p.axes), "sampling": p.sampling}

@@ -21,15 +21,19 @@ SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis
 
 
 def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A (ndim, ndim), b (ndim,) and jumps (ndim,): how fast two states under one input may drift apart, |dq1/dt -
-    dq2/dt| <= A |q1 - q2| + b + jumps, for all states on the grid, all inputs, and times up to `end`, s.
+    """A (ndim, ndim), b (ndim,) and jumps (ndim,): how fast two states under one input may drift apart, one of them
+    disturbed.
 
-    A_ik bounds |d velocity_i / d q_k|, b the most that the disturbance adds. A velocity that may jump or be infinitely
-    steep anywhere has zeros in A and b. Differences between nodes would take a jump J for a slope J / h, and so
-    velocities at both sides of it, w < h apart, to differ by J w / h only: less than they do. Instead `jumps` is what
-    there is between its least and its greatest value, to be added to b. That is never too little; where it is too much,
-    nothing is left of the target, and that is said. delta: length of the intervals in which black boxes are asked for
-    their bounds. ValueError where a black box does not declare enough, or a velocity may be undefined.
+    |dq1/dt - dq2/dt| <= A |q1 - q2| + b + jumps, axis by axis, for all states on the grid, all inputs, and times up to
+    `end`, s. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the disturbance adds.
+
+    A velocity that may jump or be infinitely steep anywhere has zeros in its row of A and of b, and in `jumps` what
+    lies between its least and its greatest value. That is never too little; where it is too much, nothing is left of
+    the target, and a solve says so. Differences between nodes would take a jump J for a slope J / h, and so let
+    velocities at both sides of it, w < h apart, differ by J w / h only.
+
+    delta : length of the intervals, s, in which black boxes are asked for their bounds. ValueError where a black box
+    does not declare enough, or a velocity may be undefined.
     """
     ndim, D = grid.ndim, dynamics.adversaries
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
@@ -59,8 +63,10 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
 
 
 def _velocities(dynamics: VectorField) -> list[list[Node]]:
-    """The velocity along each axis under each input, [input][axis], as nodes of expression graphs whose coordinates are
-    the state, t and v / bounds, in one row; drift and gain that are black boxes count as 0.
+    """The velocity along each axis under each input, [input][axis], as nodes with the coordinates (state, t, v /
+    bounds).
+
+    Drift and gain that are black boxes count as 0.
     """
     ndim, D, out = dynamics.ndim, dynamics.adversaries, []
     for j in range(len(dynamics.inputs)):
@@ -76,8 +82,9 @@ def _velocities(dynamics: VectorField) -> list[list[Node]]:
 
 
 def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
-    """Lower and upper corners, both (M, n), of equal boxes that together are [low, high], (n,) each: about
-    `BEGINNING_BOXES` of them, cut along the coordinates that are read, (n,) bool, alone.
+    """Lower and upper corners, (M, n) each, of equal boxes that together are the box [low, high], (n,) each.
+
+    reads (n,) bool : the coordinates along which it is cut. M is about `BEGINNING_BOXES`, and at most so many.
     """
     count = int(BEGINNING_BOXES ** (1 / max(reads.sum(), 1)) + 1e-9)
     edges = np.linspace(low, high, count + 1)
@@ -86,17 +93,18 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
 
 
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| for all of some nodes, over the box [low, high] of their coordinates; inf where one may
-    be undefined.
+    """An upper bound on |node| for all of these nodes, over the box [low, high], (n,) each, of their coordinates.
+
+    inf where a node may be undefined; otherwise as tight as `_greatest` makes it. At least one node must be given.
     """
     return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
 
 
 def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
-    """An upper bound on |node| over the box [low, high] of its coordinates, (n,) each; inf where it may be undefined.
+    """An upper bound on |node| over the box [low, high] of its n coordinates, (n,) each; inf where it may be undefined.
 
-    By intervals: the boxes with the greatest bounds are halved until the bound is within `SETTLED_WITHIN` of a value
-    that is taken, or `ROUNDS_OF_HALVING` times.
+    By intervals over boxes: those with the greatest bounds are halved until the bound is at most `SETTLED_WITHIN` times
+    a value that is surely taken, or `ROUNDS_OF_HALVING` times.
     """
     if one.op == "const":
         return abs(float(one.value))
@@ -121,16 +129,20 @@ def _greatest(one: Node, low: FloatArray, high: FloatArray) -> float:
 
 
 def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
-    """Of a formula of one result: a bound on its magnitude in each box (M, n), (M,), and the largest magnitude that it
-    surely has in one of them.
+    """A bound (M,) on the magnitude of a formula with one result in each box, and the largest magnitude that it surely
+    has in one.
+
+    low, high (M, n) : corners of the boxes.
     """
     least, most = formula.bounds(low, high, (0.0, 0.0))
     return np.maximum(-least, most), float(np.maximum(least, -most).max(initial=0.0))
 
 
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
-    """Whether some of the velocities, nodes of (state, t, v / bounds), have other values at the lower than at the upper
-    end of a periodic axis, by more than `SAME`; at one point of each of the `_boxes` of [low, high].
+    """Whether a velocity has other values at the lower than at the upper end of a periodic axis, by more than `SAME`.
+
+    nodes : velocities with the coordinates (state, t, v / bounds). They are compared at one point of each of the
+    `_boxes` of [low, high].
     """
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
@@ -146,8 +158,10 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
 
 
 def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """What black boxes add to A (ndim, ndim) and b (ndim,) of `rates`, by their declared slopes and bounds; zeros
-    without black boxes. ValueError where one has no slope.
+    """What black boxes add to A (ndim, ndim) and b (ndim,) of `rates`, by what they declare; zeros without black boxes.
+
+    A: the slope of the drift, and that of the gain times the sum of the bounds of v; b: |gain| times the bounds.
+    ValueError where a black box has no slope.
     """
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
@@ -170,8 +184,10 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
 
 
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
-    """w(duration) of dw/dt = slope w + push, w(0) = box: (ndim,). slope (ndim, ndim), push and box >= 0, so the
-    exponential series of `TERMS` terms has no negative one.
+    """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box: by how much a box around a state has grown.
+
+    slope (ndim, ndim), 1/s; push (ndim,) or a number, per second; box (ndim,). All are >= 0, so the exponential series,
+    cut after `TERMS` terms, has no negative one.
     """
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])

@@ -19,8 +19,10 @@ ALIKE = 1e-9  # relative to the values, or absolute below one
 
 
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Yield findings of what is unusual in a problem, with what to do if it was not meant: a target that may have the
-    wrong sign, and on each axis what may be an angle's wrong ends or unit. Nothing is warned of here.
+    """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant.
+
+    Nothing is warned of. That is a target whose level-set function may have the wrong sign, and axes that may be angles
+    with wrong ends or units.
     """
     yield from _turned_target(problem)
     for axis in range(problem.grid.ndim):
@@ -28,8 +30,10 @@ def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
 
 
 def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Yield a finding where the target has more than half of the grid's volume, not all of it, and every end of a
-    bounded axis: then the sign of its level-set function may be turned. On at most about `SMALL` nodes.
+    """Yield a finding where the sign of the target's level-set function may be turned.
+
+    So it may where the target has more than half of the volume of its axes, not all of it, and every end of a bounded
+    axis; looked at on at most about `SMALL` nodes at step 0. Nothing without a target or a bounded axis.
     """
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
@@ -48,9 +52,10 @@ def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
 
 
 def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
-    """Yield findings of an axis after a whole turn of which, 2 pi or 360, all functions repeat: one that is many turns
-    of 2 pi long; one that is a turn long and has ends though neither `periodic` nor `ends` was given; and one along
-    which an input moves by more than a turn in an interval.
+    """Yield findings of an axis that may be an angle, because all functions repeat after a whole turn, of 2 pi or 360.
+
+    They are: it is many turns of 2 pi long; it is a turn long and has ends, though neither `periodic` nor `ends` was
+    given; an input moves the state along it by more than a turn in an interval.
     """
     grid = problem.grid
     length, spacing, name = grid.upper[axis] - grid.lower[axis], grid.spacing[axis], grid.names[axis]
@@ -71,7 +76,8 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
                 1.0,
                 f'if it is an angle, give periodic=, True for {name}; if it has stops, give ends="unsafe" or "wall"',
             )
-        if (turns := _fastest(problem, axis) * problem.delta / turn) > 1:
+        speeds = problem.remembered("speeds at some states", partial(_fastest, problem))
+        if (turns := float(speeds[axis]) * problem.delta / turn) > 1:
             yield Finding(
                 f"some input moves {name} by {turns:.3g} turns within one interval of {problem.delta:g} s: ",
                 turns,
@@ -79,21 +85,20 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
             )
 
 
-def _fastest(problem: ReachAvoidProblem, axis: int) -> float:
-    """The greatest speed along an axis at `_states`, under any input, the adversary at the upper vertex of its box; in
-    the axis's unit per second.
+def _fastest(problem: ReachAvoidProblem) -> FloatArray:
+    """The greatest speed along each axis at `_states` under any input, v being the upper vertex of its box: (ndim,), in
+    the axes' units per second. Where no velocity reads the state, one state is asked for all.
     """
-    states = _states(problem)
-    found = [np.abs(function(states)[:, axis]).max() for function in _velocities(problem)]
-    return float(np.max(found))
+    states = _states(problem)[: 1 if problem.dynamics.stateless else None]
+    return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
 
 
 def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
-    """Whether all functions that read an axis have the same values, to `ALIKE`, a turn further on, and some function
-    does change along the axis; judged at `_states`.
+    """Whether all functions that read an axis have the same values, to `ALIKE`, a `turn` further on, and some change
+    along it.
 
-    False where a function is undefined a turn on, and for problems with black boxes, of which nothing is known off the
-    grid.
+    Judged at `_states`. False where a function is undefined a turn on, and for problems with black boxes, of which
+    nothing is known off the grid.
     """
     if problem.opaque:
         return False
@@ -101,9 +106,10 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     further, elsewhere = states.copy(), states.copy()
     further[:, axis] += turn
     elsewhere[:, axis] = np.roll(states[:, axis], 1)
+    together = np.concatenate([states, further, elsewhere])
     for function in _functions(problem, axis):
         try:
-            here, there, other = function(states), function(further), function(elsewhere)
+            here, there, other = np.split(function(together), 3)
         except (ValueError, ArithmeticError):  # undefined a turn on
             return False
         scale = 1.0 + np.abs(here)
@@ -114,24 +120,27 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
 
 
 def _states(problem: ReachAvoidProblem) -> FloatArray:
-    """The same random states on the grid each time, (TRIED_STATES, ndim)."""
+    """Random states on the grid, (`TRIED_STATES`, ndim); always the same."""
     grid = problem.grid
     return np.random.default_rng(0).uniform(grid.lower, grid.upper, (TRIED_STATES, grid.ndim))
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the `_velocities`, and the level-set functions of the sets that have this axis: each of states (M, ndim),
-    with values (M, ndim) or (M,).
+    """Yield the `_velocities`, if they read this axis, and the level-set functions of the sets that have it: each of
+    states (M, ndim), with values (M, ndim) or (M,).
     """
-    yield from _velocities(problem)
+    if problem.dynamics.reads[:, axis].any():
+        yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
             yield partial(_level, problem, part)
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the velocity at the first step under each input, v being the upper vertex of its box: functions of states
-    (M, ndim) -> (M, ndim), per second.
+    """Yield for each input the function of states (M, ndim) that is the velocity at the first step, (M, ndim), per
+    second.
+
+    v is the upper vertex of its box.
     """
     t, dynamics = problem.time(0), problem.dynamics
     for j in range(len(problem.inputs)):
@@ -139,7 +148,8 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
 
 
 def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
-    """Level-set values (M,) of a set at states (M, ndim) at the first step; the states are not wrapped into the
-    grid.
+    """Level-set values (M,) of a set at states (M, ndim) at the time of step 0.
+
+    The states are not wrapped into the grid.
     """
     return np.asarray(part.level_set(states.take(part.axes, axis=1), problem.time(0)))  # not wrapped into the grid

@@ -10,11 +10,12 @@ from sdhj.problem.statement import Statement
 
 
 def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """Erode a set by the box E: level-set function of the points around which the whole box x +- E is in {values <= 0},
-    and is not past an unsafe end.
+    """Erode a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
+    unsafe end.
 
     out(x) = max of `values` over x +- E, by linear interpolation, and of how far x +- E reaches past unsafe ends.
-    values (*shape) are on the grid of some axes, by default all; a copy, but `values` themselves where E is 0.
+    values (*shape), at the nodes of the grid of these axes, by default all; `values` itself comes back where E is 0 on
+    these axes. E is `problem.half_widths[0]`.
     """
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
@@ -29,11 +30,12 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
 
 
 def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
-    """Level-set function (*shape) of the set into which an interval has to lead so that all that the controller may
-    then believe is in {values <= 0}.
+    """Level-set function of the set into which an interval must lead, so that what the controller then believes is in a
+    set.
 
-    Without memory these are the predictions within E: `shrunk`. With memory they are the points that may be carried on:
-    the maximum of `values` over the growth of the error, `half_widths[1]`.
+    values (*shape) : of that set. Without memory, what it believes are the predictions, within E of the state:
+    `shrunk`. With memory, it is the point that is carried on: the maximum of `values` over the growth of the error, +-
+    `half_widths[1]`; `values` itself where that is 0.
     """
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:
@@ -47,7 +49,8 @@ def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
 def worst_around(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
     """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
 
-    It is at one of the ends of the box and the nodes in between on each axis, clipped at walls, or at the point.
+    values (*shape) : of the function. The largest value is at an end of the box or at a node in between on each axis,
+    all clipped at walls, or at the point itself. +inf where the box reaches off the grid.
     """
     grid, columns = problem.grid, []
     if not problem.half_widths[0].any():

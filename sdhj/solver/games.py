@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from itertools import groupby
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -53,6 +53,7 @@ Axes = tuple[int, ...]
 Counted = Mapping[Axes, Sequence[int]]
 Wanted = Mapping[int, slice]
 NONE: Any = MappingProxyType({})  # no axis has an entry
+T = TypeVar("T")
 
 
 class Games(Protocol):
@@ -680,6 +681,16 @@ class HopfLaxGames(_OnAxes):
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
                 raise too_restless(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
+        self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
+
+    def _once(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
+        """The value of `find()`, kept while the interval is the same: for all steps, if velocities are not timed."""
+        if self._about[0] is not interval:
+            self._about = interval, {}
+        if key not in self._about[1]:
+            self._about[1][key] = find()
+        found: T = self._about[1][key]
+        return found
 
     @property
     def reads(self) -> FloatArray:
@@ -700,8 +711,9 @@ class HopfLaxGames(_OnAxes):
             if not patch.rows.any():
                 return
         interval, parts = self.problem.interval(step), self.pieces(list(self.axes), self.early / self.duration)
-        ends = self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)
-        path = [self._displacement_sets(interval, list(self.axes), [end]) for end in ends.tolist()]
+        ends = (self.duration - self.early * np.linspace(0.0, 1.0, parts + 1 if self.early else 1)).tolist()
+        some = list(self.axes)
+        path = self._once(interval, "path", lambda: [self._displacement_sets(interval, some, [end]) for end in ends])
         values, wanted = np.asarray(values, self.dtype), self.wanted_on(self.axes)
         if self.early:
             yield from in_eights(self.grid, maximum_over_paths(self.grid, values, path, self.interpolation, wanted))
@@ -727,16 +739,24 @@ class HopfLaxGames(_OnAxes):
         whole = None if obstacle.instant else obstacle.values_over(times[0], times[-1])
         for piece in range(pieces):  # what moves within a piece is covered by its swept volume
             values = obstacle.values_over(float(times[piece]), float(times[piece + 1])) if whole is None else whole
-            moved = self._displacement_sets_in_piece(interval, axes, piece, pieces)
+            moved, cost = self._displacement_sets_in_piece(interval, axes, piece, pieces)
             yield from maxima_over_sets(grid, values.astype(self.dtype), moved, self.interpolation, wanted)
-            tick(_operations(grid, moved) + A_PIECE)
+            tick(cost)
 
-    def _displacement_sets_in_piece(self, interval: Interval, axes: list[int], piece: int, pieces: int) -> Moved:
+    def _displacement_sets_in_piece(
+        self, interval: Interval, axes: list[int], piece: int, pieces: int
+    ) -> tuple[Moved, float]:
         """A box and segments for each input that hold the displacements, along some axes, at all times of piece
-        number `piece` of `pieces` of the interval.
+        number `piece` of `pieces` of the interval; and the cost of maxima over them.
         """
-        ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
-        return self._displacement_sets(interval, axes, ends.tolist())
+
+        def find() -> tuple[Moved, float]:
+            """The same, not kept."""
+            ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
+            moved = self._displacement_sets(interval, axes, ends.tolist())
+            return moved, _operations(self.problem.grid.subgrid(axes), moved) + A_PIECE
+
+        return self._once(interval, (*axes, piece, pieces), find)
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
         """A box and segments for each input that hold the displacements, along some axes, at the times `ends` of
@@ -759,8 +779,8 @@ class HopfLaxGames(_OnAxes):
         if not avoid and not self.early:
             return _operations(grid, self._displacement_sets(interval, some, [self.duration])) + A_PIECE
         looked = np.unique(np.linspace(0, pieces - 1, PIECES_COUNTED).astype(int)).tolist()
-        each = [_operations(grid, self._displacement_sets_in_piece(interval, some, piece, pieces)) for piece in looked]
-        return pieces * (A_PIECE + float(np.mean(each)))
+        each = [self._displacement_sets_in_piece(interval, some, piece, pieces)[1] for piece in looked]
+        return pieces * float(np.mean(each))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
         """Into how many pieces a share of the interval is cut so that in each the state moves at most a quarter

@@ -38,7 +38,6 @@ from sdhj.problem.checks import Options
 from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.problem.uncertain import shrunk
 from sdhj.solver.games import Axes, Games, HJIGames, HopfLaxGames, ObstacleFunction, Pieces, united
 from sdhj.solver.methods import HJI, HopfLax
 from sdhj.solver.recursion import GridSets
@@ -241,8 +240,15 @@ class ProjectedSets(GridSets):
     def __init__(self, *given: Any) -> None:
         """The sets of `GridSets`; finds how much the projections lose (`lost`) and warns of those that are empty."""
         super().__init__(*given)
+        self.goals: dict[int, int] = {}
         self.lost = self._lost()
         tell(*self.empty())
+
+    def goal(self, step: int) -> None:
+        """The entry (step, 0), which `_lost` has written; where tubes before it are shared, it moves up."""
+        place = self.table.tube_index(step, 0)
+        if place != self.goals[step]:
+            self.table.tubes[place] = self.table.tubes[self.goals[step]]
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
         """The table of `GridSets`, whose details say how much is lost (`_lost`), and "warnings": sentences. Warns
@@ -256,7 +262,7 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion; plays no game.
+        """How much the projections lose, before the recursion; plays no game, and writes the entries (k, 0).
 
         Returns
         -------
@@ -274,7 +280,10 @@ class ProjectedSets(GridSets):
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
         kept = [0.0] * len(games.subspaces)
-        for goal in (shrunk(problem, problem.goal(k)).astype(games.dtype, copy=False) for k in starts):
+        for k in starts:
+            super().goal(k)
+            self.goals[k] = self.table.tube_index(k, 0)
+            goal = self.table.value_array(k, 0)
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 

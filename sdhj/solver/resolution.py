@@ -7,6 +7,7 @@ not exclude a hidden part, the least value in the cell is searched for.
 """
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import permutations, product
 from typing import Any
@@ -45,14 +46,9 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
     for unsafe_set in problem.unsafe:
         if unsafe_set.sampling == "cell" or problem.grid.subgrid(unsafe_set.axes).size > most:
             continue
-        level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
-        if isinstance(level_set, Formula):  # the next problem may have it too
-            known = level_set.remembered("findings", dict)
-        for t in np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist():
-            key = unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
-            if key not in known:
-                known[key] = _hidden(problem, unsafe_set, t) or _abrupt(problem, unsafe_set, t)
-            if finding := known[key] or too_thin(problem, unsafe_set, t) or flat_inside(problem, unsafe_set, t):
+        for t in _few_moments(problem, unsafe_set):
+            finding = _once(problem, unsafe_set, t, _hidden) or _once(problem, unsafe_set, t, _abrupt)
+            if finding := finding or too_thin(problem, unsafe_set, t) or flat_inside(problem, unsafe_set, t):
                 tell(finding)
                 break
 
@@ -65,9 +61,26 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
-        times = np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
-        found = next(filter(None, (_hidden(problem, unsafe_set, t, ASKED) for t in times)), None)
-        tell(found or _nowhere(problem, unsafe_set))
+        hidden = (_once(problem, unsafe_set, t, _hidden, ASKED) for t in _few_moments(problem, unsafe_set))
+        tell(next(filter(None, hidden), None) or _nowhere(problem, unsafe_set))
+
+
+def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[float]:
+    """Some times at which a set is looked at closely; of one that does not move the first."""
+    return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
+
+
+def _once(
+    problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, find: Callable[..., Finding | None], *more: str
+) -> Finding | None:
+    """What `find` finds; of a formula, which the next problem may have too, it is found once."""
+    level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
+    if isinstance(level_set, Formula):
+        known = level_set.remembered("findings", dict)
+    key = find.__name__, *more, unsafe_set.name, unsafe_set.axes, unsafe_set.sampling, problem.grid, t
+    if key not in known:
+        known[key] = find(problem, unsafe_set, t, *more)
+    return known[key]
 
 
 def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
@@ -140,11 +153,13 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
     """
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
-        first, last = part.level_set(before, t), part.level_set(after, t)
+        first, last = np.split(part.level_set(np.concatenate([before, after]), t), 2)
+        if not (turns := (first > 0) != (last > 0)).any():
+            continue
         inside = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SEAM, grid.ndim))
         rounding = 1e-6 * np.abs(part.level_set(inside, t)).max()
         jump = np.abs(first - last)
-        if np.any(((first > 0) != (last > 0)) & (jump > rounding)):
+        if np.any(turns & (jump > rounding)):
             name, what = grid.names[axis], "unsafe set" if isinstance(part, UnsafeSet) else "target"
             return Finding(
                 f"the {what} {part.name!r} is cut off where the periodic axis {name} ends and begins anew: its "

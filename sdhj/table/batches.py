@@ -125,7 +125,7 @@ class Table:
         """Of a table on a grid that stays clear for ever the place of the game's value among the tubes; else -1."""
         return -1
 
-    @property
+    @cached_property
     def steps(self) -> int:
         """N, the number of steps."""
         return self.problem.most_steps

@@ -247,8 +247,9 @@ class Controller:
         batch = self._admissible(q, step)
         if batch.step == self.table.steps:
             raise ValueError(f"step {step} is the last: no interval is left to hold an input over")
-        most = len(self.problem.inputs) - 1
-        held = None if before is None else np.array([whole("before", before, least=-1, most=most)])
+        held = None
+        if before is not None:
+            held = np.array([whole("before", before, least=-1, most=len(self.problem.inputs) - 1)])
         chosen = int(self.choose(batch, held)[0])
         if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
             raise NotAdmissible(_done(batch.states[0], batch.step))
@@ -299,8 +300,10 @@ class Controller:
 
         ValueError, for such a rule, if step is none from 0 to N.
         """
+        if not self.all_left:
+            return 1
         steps = self.table.steps
-        return max(steps - whole("step", step, least=0, most=steps), 1) if self.all_left else 1
+        return max(steps - whole("step", step, least=0, most=steps), 1)
 
     def _query(
         self, q: FloatArray, step: int | None, within: int | None = None, scores: FloatArray | None = None

@@ -132,7 +132,12 @@ class Shapes:
 
     def block(self, array: str) -> tuple[int, ...]:
         """The shape at one place of an array: of one tube, its marks, or the avoid tubes of a step."""
-        return (*self.lead(array), *(self.shape[axis] for axis in self.axes(array)))
+        return self._blocks[array]
+
+    @cached_property
+    def _blocks(self) -> dict[str, tuple[int, ...]]:
+        """The shape at one place, by the array."""
+        return {one: (*self.lead(one), *(self.shape[axis] for axis in self.axes(one))) for one in NAMES}
 
     def whole(self, array: str) -> tuple[int, ...]:
         """The shape of an array over all places, as a `LookupTable` has it; in marks the nodes are one axis."""
