@@ -262,7 +262,7 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
-        """Cut the cells into blocks, and these into pieces of work of at most `CELLS_AT_ONCE` cells."""
+        """Cut the cells of a table into blocks, and these into pieces of work of at most about `CELLS_AT_ONCE` cells."""
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
@@ -610,7 +610,7 @@ class Exported:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of `sdhj_table.bin`."""
+        """The bytes of `sdhj_table.bin`."""
         return len(self.data)
 
     def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:

@@ -179,10 +179,11 @@ class CertifiedTable(Table):
         return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
+        """Whether all, and whether any, states of boxes from low to high (M, ndim) are certified: bool (2, M).
 
-        A box counts as wholly certified even if it exceeds the cells by the shell plus the drift of three steps. A
-        box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
+        For the tube (start, within). A box counts as wholly certified even if it exceeds the cells by the shell plus
+        twice `DRIFT` of the scale. A box that crosses the end of an axis, periodic or not, never counts as wholly
+        certified, and always as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
@@ -685,7 +686,7 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
         return step if on_time and step <= table.steps else None
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """-1 in certified cells of the step at time t, 1 elsewhere."""
+        """-1 for points (M, ndim) that the tube of the step at time t contains, 1 for others: (M,); 1 at other times."""
         step = step_at(t)
         if step is None:
             return np.ones(len(points))
