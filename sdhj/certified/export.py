@@ -262,7 +262,7 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
-        """Cut the cells of a table into blocks, and these into pieces of work of at most about `CELLS_AT_ONCE` cells."""
+        """Cut the cells of a table into blocks, and these into pieces of about `CELLS_AT_ONCE` cells at most."""
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)

@@ -686,7 +686,7 @@ def _cells(table: CertifiedTable, within: int) -> BlackBox:
         return step if on_time and step <= table.steps else None
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """-1 for points (M, ndim) that the tube of the step at time t contains, 1 for others: (M,); 1 at other times."""
+        """-1 for points (M, ndim) in the tube of the step at time t, 1 for others: (M,); 1 at other times."""
         step = step_at(t)
         if step is None:
             return np.ones(len(points))
