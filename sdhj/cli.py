@@ -62,8 +62,8 @@ from sdhj.table.store import functions_of, head_of_store, is_store
 def stop(number: int, frame: FrameType | None) -> None:
     """Handle a signal: delete temporary files, say on standard error that sdhj was stopped, and end the process.
 
-    The exit status is 128 + `number`, that of the signal; `frame` is not used. No exception is raised that could be
-    caught on the way.
+    The exit status is 128 + `number`, that of the signal. Nothing is raised that could be caught on the way, and
+    nothing else is cleaned up. frame : as Python gives it, ignored.
     """
     for temporary in list(TEMPORARIES):
         with suppress(OSError):
@@ -100,14 +100,15 @@ class Refusal(click.ClickException):
 
 
 def plainly(command: Callable[..., None]) -> Callable[..., None]:
-    """Decorate a command: errors become one line on standard error without a traceback, and compiling is reported.
+    """Decorate a command: errors become one line on standard error, without a traceback, and compiling is reported.
 
-    ValueError, OSError, MemoryError and ImportError end it with status 2 (`Refusal`), Ctrl-C with status 130.
+    ValueError, OSError, MemoryError and ImportError end the command with status 2 (`Refusal`), Ctrl-C with status 130;
+    a closed pipe is left to click, and all other errors are raised.
     """
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> None:
-        """Run the command with its arguments, errors as above."""
+        """Run the command with its arguments, and treat errors as `plainly` says."""
         try:
             with announced(progress=True):
                 command(*args, **kwargs)
@@ -123,7 +124,10 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
-    """The numbers, of type `kind`, of a text in which commas separate them; ValueError, naming `option`, for others."""
+    """The numbers, of type `kind`, of a text in which commas separate them; at least one.
+
+    ValueError, which names the option, without dashes, if the text has anything else.
+    """
     try:
         return [kind(part) for part in text.split(",")]
     except ValueError:
@@ -273,7 +277,8 @@ def info(table: Path) -> None:
 def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
     """The dynamics under the first input, and the level-set function of each set, as lines of text.
 
-    head : of a file (`checked_head`). arrays : what the file's formulas look up, by name (`arrays_in`, `functions_of`).
+    head : of a table, as `checked_head` returns it. arrays : what its formulas look up, by name, of `arrays_in` or
+        `functions_of`. Black boxes are left out.
     """
     found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
     bounds, velocity = found["bounds"].entries[0], list[Node]()
@@ -330,9 +335,13 @@ def verify_command(
 def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, exported: Path | None = None) -> bool:
     """Whether the checker proves all claims of a certified table's file and, if given, of a file `exported` from it.
 
-    Prints its report and the time it took. problem : "module:name" or "file.py:name", needed for black boxes. samples :
-    how many cells, drawn by `seed`, are checked; 0: all. ValueError if the table is not certified; the errors of
-    `load`.
+    Prints the checker's report and the time it took.
+
+    problem : "module:name" or "file.py:name", needed for black boxes; it is compared with the file's.
+    samples : how many cells, drawn by `seed`, are checked; 0: all.
+    exported : the path of an sdhj_table.bin.
+
+    ValueError if the table is not certified; otherwise the errors of `load`.
     """
     if header(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'
@@ -348,8 +357,8 @@ def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, e
 def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
     """The problem that a user names as module:name or file.py:name, or what a function of that name returns.
 
-    Runs the module, for which it puts its folder on sys.path. ValueError, naming `option`, if the name does not fit,
-    the code raises anything, or what is found is no problem.
+    It runs the module or file; the current folder, and that of the file, come first on sys.path from then on.
+    ValueError, naming `option`, if the name does not fit, the code raises anything, or what is found is no problem.
     """
     place, _, what = name.rpartition(":")
     if not re.fullmatch(r"\w+", what) or not (place.endswith(".py") or re.fullmatch(r"[\w.]+", place)):
@@ -373,7 +382,10 @@ def user_problem(name: str, option: str = "--problem") -> ReachAvoidProblem:
 
 
 def _line_of(error: Exception, place: str) -> str:
-    """The text " (line n of place)", the last line of a user's file in an error's traceback; empty if none is there."""
+    """ " (line n of place)", the last line of a user's file in an error's traceback; "" if there is none.
+
+    place : the file, or the name of a module, which gives "".
+    """
     lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename.endswith(Path(place).name)]
     return f" (line {lines[-1]} of {place})" if lines and place.endswith(".py") else ""
 
@@ -472,16 +484,16 @@ def plot_command(
 
 
 def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int], FloatArray]:
-    """Of the slice to draw the two axes, by number, and a state (ndim,) on it.
+    """The two axes of a slice to be drawn, by number, and a state (ndim,) on it.
 
     axes : "name,name", or None for the first two. at : "name=number" for each axis on which the state is not in the
-    middle. ValueError if the grid has one axis, or a name or number does not fit.
+        middle. ValueError if the grid has one axis, or a name or number does not fit.
     """
     if grid.ndim < 2:
         raise ValueError("a slice has two axes, and this robot has one; `sdhj info` prints its shares")
 
     def axis_of(name: str) -> int:
-        """The number of an axis by its name; ValueError if there is none."""
+        """The number of the axis of a name, spaces around it ignored; ValueError if there is none."""
         if name.strip() not in grid.names:
             raise ValueError(f"there is no axis {name.strip()!r}; the axes are {', '.join(grid.names)}")
         return list(grid.names).index(name.strip())
@@ -524,7 +536,11 @@ def warmup() -> None:
 
 
 def compile_kernels(robot: str, method: str) -> float:
-    """Compile every kernel that a small problem of a robot calls with a method, and the controller; the seconds."""
+    """Compile every kernel that a small problem of a robot calls with a method, and those of the controller.
+
+    robot : "arm" or "car". method : a name of `METHODS`; with "certified" also the checker is run. Returns how long it
+        took, s.
+    """
     began, certified = time.perf_counter(), method == Certified.name
     problem = arm_case_study(nodes=9, steps=2) if robot == "arm" else new_robot()
     with warnings.catch_warnings(action="ignore", category=ResolutionWarning):  # the table is thrown away
@@ -538,13 +554,17 @@ def compile_kernels(robot: str, method: str) -> float:
 
 
 def new_robot() -> ReachAvoidProblem:
-    """The problem of the robot that `sdhj new` writes: its template is run."""
+    """The problem of the robot that `sdhj new` writes, by running its template."""
     problem: ReachAvoidProblem = runpy.run_path(str(NEW_ROBOT))["problem"]()
     return problem
 
 
 def command() -> None:
-    """Run the command `sdhj`: Ctrl-C and SIGTERM end it at once, unless they are ignored; warnings take one line."""
+    """Run the command `sdhj`, and end the process: the entry point of the package.
+
+    Ctrl-C and SIGTERM end it at once (`stop`), unless they are ignored; warnings take one line; an output that cannot
+    be written leads to no traceback.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop)

@@ -63,8 +63,10 @@ def solve_stored(
 ) -> StoredTable:
     """Solve a problem by the method `asked` into a store at `path`, slab by slab, and load the table from there.
 
-    With `resume` a store that is there goes on from its finished slabs. The other arguments and all errors are those of
-    `sdhj.solve`.
+    resume : whether a store that is there already goes on from its finished slabs, which are first read and compared
+        with its ledger; without it a name that exists is an error.
+    operations : a solve that would take more is refused.
+    problem, progress, client, memory : as for `sdhj.solve`, as are all errors.
     """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
@@ -84,7 +86,9 @@ def solve_stored(
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
         def slabs_done(number: int) -> None:  # here the games tell, more often
-            """Tell the progress bar how many slabs of a tube a client's workers have done; without one, nothing."""
+            """Move the progress bar by so many slabs of a tube if a client's workers do them; else nothing, as the
+            games tell.
+            """
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
 
@@ -97,14 +101,18 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """A function that does tasks of a plan and yields what `work` returns: here, or by the workers of a Dask client.
+    """A function that does tasks of a plan and yields, in any order, what `work` returns of each.
 
-    Tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
+    Without a client (None) they are done here, one after the other. A Dask client's workers do them at the same time:
+    tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
     path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
-        """Have the workers of a Dask client do tasks; yields what each returns, in any order."""
+        """Have the workers of the Dask client do tasks, and yield what `work` returns of each.
+
+        An error gets a note on how to go on; whatever happens, tasks that are not done are cancelled at the end.
+        """
         futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
             for future in importlib.import_module("distributed").as_completed(futures):
@@ -120,16 +128,17 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """Do a task of a plan in a worker, whose threads wait for each other, as memory is for one slab; as `work`."""
+    """`work`, in a worker of a Dask client: threads of one process wait for each other, as memory is for one slab."""
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 
 
 def storable(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
-    """The method as it is, if it solves into a store.
+    """The method itself, if it and the problem can be solved into a store.
 
-    ValueError for other methods, for joint games, and for problems without a number of steps, with sensing, safe ends
-    or dynamics that depend on time; also if `resume` is not a bool or `client` no Dask client.
+    ValueError for methods other than `HJI` and `HopfLax`, for joint games, and for problems with steps=None, a
+    `Sensing`, safe ends or dynamics that depend on time; also if `resume` is not a bool, or `client` is not None and no
+    Dask client.
     """
     if not isinstance(resume, bool):
         raise ValueError(f"resume must be True or False, got {reprlib.repr(resume)}")
@@ -153,9 +162,9 @@ def storable(problem: ReachAvoidProblem, method: Method, resume: Any, client: An
 
 
 def slab_memory(memory: int | None, client: Any) -> int:
-    """Bytes that a slab may take: `memory`, or half of the least of what is free here and what each worker may use.
+    """Bytes that a slab may take: `memory`; if that is None, half of the least that is free, here and in each worker.
 
-    ValueError if `memory` is no whole number from 1 on.
+    Where the system does not say what is free, it is `LEAST_ROOM`. ValueError if `memory` is no whole number from 1 on.
     """
     if memory is not None:
         return whole("memory", memory, least=1)
@@ -167,13 +176,16 @@ def slab_memory(memory: int | None, client: Any) -> int:
 def planned(
     problem: ReachAvoidProblem, method: HJI | HopfLax, cut: tuple[int, int] | None = None, room: int = LEAST_ROOM
 ) -> Plan:
-    """How a solve is cut into slabs: along which axis, how many nodes wide, and with how many beside them (the halo).
+    """The plan of a solve into a store: along which axis the grid is cut, how wide slabs are, and how wide their halos.
 
-    The axis is the one whose halo is the smallest part of it, and a slab as wide as `room`, in bytes, lets it be; `cut`
-    is the (axis, width) of a store begun before, which is kept. Where there are three axes or more none of the last two
-    is cut: on those a slab's nodes would come to lie in the vector loops of the kernels otherwise than those of the
-    whole grid. Warns where the grid is too coarse; with several slabs the problem forgets its samples of the whole
-    grid. MemoryError if a slab of one node takes more than `room`, or any more than is free.
+    The axis is the one whose halo is the smallest share of it, and slabs are as wide as `room`, in bytes, lets them be.
+    Where there are three axes or more none of the last two is cut: on those a slab's nodes would come to lie in the
+    vector loops of the kernels otherwise than those of the whole grid. Warns where the grid is too coarse; with several
+    slabs the problem forgets its samples of the whole grid.
+
+    cut : (axis, width) of a store that was begun before, which is kept whatever `room` says; None: to be chosen.
+
+    MemoryError if a slab of one node takes more than `room`, or a slab more than is free.
     """
     check_resolution(problem, most=LOOKED_AT)
     shape, found, dtype = problem.grid.shape, dangers(problem), method.options["dtype"]
@@ -203,7 +215,7 @@ def planned(
 
 
 def task_bytes(plan: Plan) -> int:
-    """An upper bound on the bytes that one task of a plan takes at its peak, beside what the process takes anyway."""
+    """An upper bound on the bytes that one task of a plan takes at its peak, besides what the process takes anyway."""
     problem, layout = plan.problem, plan.layout
     item, count = np.dtype(plan.dtype).itemsize, len(problem.inputs)
     reaching, middle = plan.make(problem), (layout.slabs - 1) // 2  # whose halos no end of the grid cuts short
@@ -228,7 +240,7 @@ def task_bytes(plan: Plan) -> int:
 
 
 def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
-    """The head of a store, as JSON gives it back: its problem, its method with options, and how it is cut."""
+    """The head of a store, plain values as JSON gives them back: problem, method with options, and the cut."""
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
@@ -240,7 +252,10 @@ def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
 
 
 def cut_of(store: Store, head: dict[str, Any], method: HJI | HopfLax) -> tuple[int, int]:
-    """(axis, width) by which a store is cut; TableFileError where another version, method or option has begun it."""
+    """(axis, width) by which a store is cut, for going on with it.
+
+    head : the store's. TableFileError where another version of sdhj, or another method or option, has begun the store.
+    """
     if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(
             f"{store.path} was begun by sdhj {its}, and this is {VERSION}, which may round otherwise; solve it anew"

@@ -34,7 +34,7 @@ METHODS = {kind.name: kind for kind in (HJI, Projected, HopfLax, Certified)}  # 
 
 
 def method_of(method: str | Method) -> Method:
-    """The method with a name and default options; an object that is a method is returned as it is.
+    """The method of a name, with default options; an object that is a method is returned as it is.
 
     Raises
     ------
@@ -215,10 +215,10 @@ def _require_problem(problem: Any) -> None:
 
 
 def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
-    """The table as users get it: with a `player`, which simulates its runs, and with what it keeps for `resolve`.
+    """A copy of the table as users get it: with a `player`, which simulates its runs, and with what `resolve` needs.
 
-    That is, of a LookupTable, the method and, if `former` says what was taken over from an earlier table, the avoid
-    tubes and the solutions of the PDE.
+    A LookupTable keeps the method and, if `former` says what was taken over from an earlier table, the avoid tubes and
+    the solutions of the PDE (`Kept`).
     """
     kept = Kept(method, former.each, former.still) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
@@ -226,10 +226,11 @@ def _handed_out(table: Table, method: Method, former: Former | None = None) -> T
 
 
 def _simulated_at_the_end(table: Table) -> dict[str, Any]:
-    """Simulate runs of a solved table and return their counts for its details; {} of a certified table.
+    """Simulate runs of a solved table, warn of broken promises, and return the counts for its details.
 
-    Of that it is only warned where next to nothing is certified. Whatever the runs raise, Ctrl-C too, becomes a warning
-    and {}, so that the table is not lost; a warning that the caller has made an error is raised.
+    {} for a certified table, of which it is only warned if next to nothing is certified. Whatever the runs raise,
+    Ctrl-C too, becomes a warning and {}, so that the table is not lost; a warning that the caller has made an error is
+    raised.
     """
     try:
         if isinstance(table, CertifiedTable):
@@ -283,10 +284,11 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
 def _filled(
     problem: ReachAvoidProblem, method: Method, progress: bool | None, most: float, former: Former | None = None
 ) -> TubeSets:
-    """The sets of a method, with all tubes computed by the recursion; without a number of steps, those before Ctrl-C.
+    """The sets of a method, with all tubes computed by the recursion; with steps=None, those before Ctrl-C.
 
-    Shows a progress bar, checks sets and cost on the way (ValueError above `most` operations, MemoryError), and takes
-    over from `former` what need not be computed.
+    Shows a progress bar, warns of what is wrong with sets, and takes over from `former` what need not be computed.
+    ValueError above `most` operations, MemoryError where it does not fit. Ctrl-C with a number of steps, or before the
+    first tube, is raised.
     """
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:
@@ -298,7 +300,7 @@ def _filled(
         meter.tube()
 
         def done() -> None:
-            """Tell the progress bar of one more tube and, without a number of steps, what share of states changes."""
+            """Tell the progress bar of one more tube and, with steps=None, what share of the states changes."""
             meter.tube()
             if endless:
                 meter.bar.set_postfix_str(f"{sets.changing:.2%} of the states change", refresh=False)

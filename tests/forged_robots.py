@@ -304,6 +304,30 @@ def plane(radius=0.3, **dynamics):
     return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, [post], 0.25, 3)
 
 
+def pursued():
+    """A pursuer that runs along a line, on a wide ring on which a post comes nearer, too: (p, x, y)."""
+    pursuer = sdhj.UnsafeSet(
+        (0, 1, 2), lambda q, t: np.hypot(1.27 * np.sin(np.pi / 4 * q[:, 1]), q[:, 2] - q[:, 0]) - 0.5, name="pursuer"
+    )
+    post = sdhj.UnsafeSet(
+        (0, 1, 2),
+        lambda q, t: np.hypot(1.27 * np.sin(np.pi / 4 * (q[:, 1] - 1.0 + t)), q[:, 2] - 0.3 * q[:, 0] + 0.5) - 0.3,
+        name="post",
+    )
+    inputs = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    grid = sdhj.Grid(
+        [-1.0, -2.0, -1.5], [1.0, 2.0, 1.5], [9, 9, 9], [False, True, False], ends=["wall", "wall", "unsafe"]
+    )
+    return sdhj.ReachAvoidProblem(
+        grid,
+        sdhj.Dynamics(inputs[:, 1:], inputs, np.eye(3), [0.4, 0.1, 0.1]),
+        sdhj.TargetSet((1, 2), lambda p, t: 0.7 - p[:, 1]),
+        [pursuer, post],
+        0.25,
+        3,
+    )
+
+
 def windy():
     """The same in a wind from a table."""
     return plane(drift=lambda q, u: np.stack([u[0] + WIND(q), np.full(len(q), u[1])], axis=1))
@@ -341,6 +365,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "standing unsafely": (lambda: standing(ends=("wall", "unsafe")), (40, 10), 2),
     "endless": (lambda: cart(steps=None), (20, 20), 2),
     "bent": (lambda: cart(ends="safe", bent=1e-3, delta=0.3), (20, 20), 2),
+    "bent rail": (lambda: cart(bent=1e-3, steps=None), (80, 80), 2),  # no cells of it move alike
     "walled": (lambda: cart(ends="wall", delta=0.3), (20, 20), 2),
     "growing": (growing, (40,), 1),
     "growing faster": (lambda: growing(rate=48.0, most=400.0, upper=800.0), (800,), 1),
@@ -365,6 +390,7 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "past the seam": (past_the_seam, (125,), 2),
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),
     "cornered": (cornered, (30, 30), 3),
+    "pursued": (pursued, (8, 16, 24), 2),
     "plane": (plane, (30, 30), 3),
     "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),

@@ -122,11 +122,14 @@ PROVER = tuple(
     for name in (
         "kernels/pieces",
         "kernels/stencils",
+        "kernels/windows",
         "kernels/oblique",
         "certified/cells",
         "certified/bounds",
+        "certified/word_tubes",
         "certified/arrivals",
         "certified/oblique",
+        "certified/packing",
         "certified/images",
         "certified/general_proof",
     )

@@ -25,6 +25,7 @@ TABLES = [
     "test_verify_mutations.py",
     "test_forged_robots.py",
     "test_oblique.py",
+    "test_at_once.py",
 ]
 
 

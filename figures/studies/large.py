@@ -48,7 +48,8 @@ class Worked:
     nodes : int
         Along the axes that have most.
     subspaces : of the projected method.
-    cells : of the certified method, or none where what fits into minutes proves no more than the target.
+    cells : of the certified method, None for those that it chooses itself; empty where what fits into minutes proves no
+        more than the target.
     velocity, target, unsafe : as `judge.play` takes them, of inputs instead of their places.
     hunt : callable (states, inputs (M, m), seconds left) -> (M, D) in [-1, 1]
         An adversary that does its worst.
@@ -58,7 +59,7 @@ class Worked:
     problem: Callable[[int], sdhj.ReachAvoidProblem]
     nodes: int
     subspaces: tuple[tuple[int, ...], ...]
-    cells: tuple[int, ...]
+    cells: tuple[int, ...] | None
     velocity: Velocity
     target: Level
     unsafe: Level
@@ -268,7 +269,7 @@ WORKED: Mapping[str, Worked] = {
         car,
         25,
         ((0, 1, 2, 3), (0, 1, 2, 4)),
-        (32, 32, 24, 33, 33),
+        None,
         car_velocity,
         lambda q, t: distance(q, GOAL) - 0.5,
         car_unsafe,
@@ -387,7 +388,7 @@ def main(
         problem = robot.problem(nodes or robot.nodes)
         chosen = sdhj.HopfLax() if full == "lax" else sdhj.HJI()
         methods: list[Any] = [chosen] if full_only else [chosen, sdhj.Projected(robot.subspaces, chosen)]
-        if robot.cells and not full_only:
+        if robot.cells != () and not full_only:
             methods.append(sdhj.Certified(cells=robot.cells))
         for method in methods:
             kept = {"store": store / f"{name}", "memory": memory} if store and method is chosen else {}

@@ -38,10 +38,20 @@ OBSTACLES = (
 
 @dataclass(frozen=True)
 class ArmScene:
-    """The workspace of a case study: the arm and the disks around it, with its level-set functions, in metres.
+    """The workspace of a case study, with its level-set functions; everything in m and s.
 
-    The obstacles OBS(t) and the target TAR(t), None where the evader is the target, move on given paths. The agent,
-    "pursuer" or "evader", is a disk of radius `agent_radius` about (px, py), which stays in [-agent_box, agent_box]^2.
+    Attributes
+    ----------
+    arm : Arm
+    obstacles : tuple of Disk
+        OBS(t), which move on given paths.
+    agent : {"pursuer", "evader"}
+        What the adversary moves: a disk about (px, py).
+    agent_radius : float
+    agent_box : float
+        The agent's centre stays in [-agent_box, agent_box]^2.
+    target : Disk or None
+        TAR(t); None where the evader is the target.
     """
 
     arm: Arm
@@ -52,39 +62,44 @@ class ArmScene:
     target: Disk | None
 
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm at joint angles q (M, 2) to the nearest obstacle's disk at time t, m,
-        negative where they overlap: (M,).
+        """Signed distance of the thick arm to the nearest obstacle's disk at time t: (M,), m; < 0 where they overlap.
+
+        q : (M, 2), joint angles, rad.
         """
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), exactly, at joint angles q (M, 2):
-        (M,), m.
+        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), exactly: (M,), m.
+
+        q : (M, 2), joint angles, rad.
         """
         distances = [self.arm.swept_distance(q, disk.path, t0, t1) for disk in self.obstacles]
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
 
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Signed distance of the thick arm to the pursuer's disk in states (M, 4), at any time t, m, negative
-        where they overlap: (M,).
+        """Signed distance of the thick arm to the pursuer's disk in states (M, 4): (M,), m; < 0 where they overlap.
+
+        It is the same at any time t.
         """
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
     def target_value(self, q: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector at joint angles q (M, 2) to the target's centre at time t, less its radius:
-        (M,), m. Only with a target.
+        """Distance of the end-effector to the target's centre at time t, less its radius: (M,), m; only with a target.
+
+        q : (M, 2), joint angles, rad.
         """
         assert self.target is not None
         return np.hypot(*(self.arm.tip(q) - self.target.centre(t)).T) - self.target.radius
 
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
-        """Distance of the end-effector to the evader's centre in states (M, 4), less its radius, at any time t: (M,),
-        m.
+        """Distance of the end-effector to the evader's centre in states (M, 4), less its radius: (M,), m.
+
+        It is the same at any time t.
         """
         return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
     def _contact(self, disk: Disk) -> float:
-        """The distance between a disk's centre and the skeleton where the arm touches it, m."""
+        """The distance, m, between a disk's centre and the arm's skeleton at which the thick arm touches the disk."""
         return disk.radius + self.arm.half_width
 
 
@@ -228,16 +243,18 @@ BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "ev
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build the problem that has this `recipe`, by the builder that it names; ValueError for a recipe that is not this
-    version's.
+    """Build the problem that has this `recipe`, by the builder that it names: `problem.recipe`, also from a file.
+
+    ValueError for a recipe that is not one of this version.
     """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
 
 
 def scene(problem: ReachAvoidProblem) -> ArmScene:
-    """The workspace of a case study, to draw or to measure distances in; ValueError for a problem that has no
-    recipe, or not one of this version.
+    """The workspace of a case study's problem, to draw or to measure distances in.
+
+    ValueError for a problem that was not built by a case study, or by one of another version.
     """
     if not problem.recipe:
         raise ValueError(f"the problem {problem.name!r} has no workspace to draw: it was not built by a case study")
@@ -245,7 +262,7 @@ def scene(problem: ReachAvoidProblem) -> ArmScene:
 
 
 def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The recipe itself; ValueError if its builder or the names of its arguments are not those of this version."""
+    """The recipe, unchanged; ValueError if its builder or the names of its arguments are not those of this version."""
     builder = recipe.get("builder") if isinstance(recipe, Mapping) else None
     if builder not in BUILDERS or set(recipe["arguments"]) != set(inspect.signature(BUILDERS[builder]).parameters):
         raise ValueError(
@@ -256,8 +273,9 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """{"builder": ..., "arguments": ...}: all arguments of a builder, by name, checked and as plain numbers, lists and
-    strings (JSON), numbers of nodes written out for each axis. ValueError where one does not fit.
+    """{"builder": its name, "arguments": all arguments by name}, as plain numbers, lists and strings (JSON).
+
+    Numbers of nodes are written out for each axis. ValueError, naming the argument, where one does not fit.
     """
     plain: dict[str, Any] = {}
     for name, value in given.items():
@@ -290,12 +308,12 @@ def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _agent(recipe: Mapping[str, Any]) -> str:
-    """Who the adversary of a recipe is: "pursuer" if it has a pursuer's radius, else "evader"."""
+    """What the adversary of a recipe moves: "pursuer" if it has a pursuer's radius, else "evader"."""
     return "pursuer" if "pursuer_radius" in recipe["arguments"] else "evader"
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:
-    """The workspace that a checked recipe describes."""
+    """The workspace that a recipe describes, which has been checked."""
     given, agent = recipe["arguments"], _agent(recipe)
     return ArmScene(
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
@@ -309,8 +327,9 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 
 @lru_cache(maxsize=8)  # to read the functions takes longer than all else
 def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
-    """The target and the unsafe sets of a workspace, made once for each; the obstacles are G1 of App. A.3, the pursuer
-    G2.
+    """The target and the unsafe sets of a workspace; cached, so that problems of one workspace share them.
+
+    The obstacles are G1 of App. A.3, the pursuer is G2; without obstacles there is no set of them.
     """
     unsafe = list[UnsafeSet]()
     if scene.obstacles:
@@ -322,8 +341,9 @@ def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
 
 
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
-    """The problem of a recipe with these sets: its grid, walled for the agent, and integrator dynamics dq = u + v_d, dp
-    = v_agent (Eq. 9 and 10).
+    """The problem of a recipe with this target and these unsafe sets.
+
+    Its grid has walls for the agent, and its dynamics are dq = u + v_d, dp = v_agent (Eq. 9 and 10).
     """
     given, agent = recipe["arguments"], _agent(recipe)
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]

@@ -23,31 +23,35 @@ TURN = 2.0 * np.pi
 
 
 class Segment(NamedTuple):
-    """Segments that begin at `start` and go on for `length` in a `direction`; all of them broadcast.
+    """Line segments in the plane, m, that begin at `start` and continue for `length` in a `direction`; all broadcast.
 
     Distances to them need neither divisions nor a case for segments that are points.
+
+    start : (..., 2).
+    direction : (..., 2), of length 1.
+    length : a number or (...), >= 0.
     """
 
-    start: FloatArray  # (..., 2)
-    direction: FloatArray  # (..., 2), of length 1
-    length: Any  # float, or (...)
+    start: FloatArray
+    direction: FloatArray
+    length: Any
 
     @classmethod
     def point(cls, points: FloatArray) -> "Segment":
-        """Points (..., 2), as segments of length 0."""
+        """Points (..., 2) as segments of length 0."""
         return cls(points, np.array([1.0, 0.0]), 0.0)
 
     def at(self, along: Any) -> FloatArray:
-        """The point (..., 2) that is `along`, (...) or a number, from the start."""
+        """The point (..., 2) of the line that is `along`, (...) or a number, m, from the start."""
         return self.start + np.asarray(along)[..., None] * self.direction
 
     @property
     def end(self) -> FloatArray:
-        """The end point, (..., 2)."""
+        """The end point of each segment: (..., 2)."""
         return self.at(self.length)
 
     def coordinates(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where points (..., 2) are, seen from the start: along the direction, and to its left; both (...)."""
+        """Where points (..., 2) are, seen from the start: along the direction, and to its left; (...) each, m."""
         out, (x, y) = points - self.start, np.moveaxis(self.direction, -1, 0)
         return out[..., 0] * x + out[..., 1] * y, out[..., 1] * x - out[..., 0] * y
 
@@ -77,11 +81,14 @@ def _unit(angle: FloatArray) -> FloatArray:
 
 
 class _Path:
-    """Base of the paths of a point, dataclasses whose fields, points (x, y), velocities and numbers, are checked when
-    they are made.
+    """Base of the paths of a point: dataclasses whose fields are checked, and converted to floats, when they are made.
 
-    at(t) : its position at the times t, (*t.shape, 2). speed : a bound on its speed, m/s. swept_distance : the distance
-    (...) from segments to its trace over [t0, t1].
+    Fields called centre, start and velocity are pairs (x, y), all others are numbers. A path has
+
+    * `at(t)`, its position at the times t, s: (*t.shape, 2), m;
+    * `speed`, a bound on its speed, m/s;
+    * `swept_distance(segment, t0, t1)`, the least distance from segments to its trace over [t0, t1], t0 <= t1: (...),
+      m.
     """
 
     def __post_init__(self) -> None:
@@ -104,7 +111,7 @@ class Still(_Path):
         return np.asarray(self.centre) + 0.0 * np.asarray(t, dtype=np.float64)[..., None]
 
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
-        """Distance (...) from the segments to the point, which is the same over all of [t0, t1]."""
+        """Distance (...) from the segments to the point, which is the same at all times; t1 is ignored."""
         return segment.distance(self.at(t0))
 
 
@@ -132,8 +139,9 @@ class Line(_Path):
 
 @dataclass(frozen=True)
 class Circle(_Path):
-    """The path of a point on the circle of `radius` about `centre`, at the angle `rate` * t + `phase` (m, rad/s,
-    rad).
+    """The path of a point on the circle of `radius` about `centre`, at the angle rate * t + phase.
+
+    Units are m, rad/s for `rate`, and rad for `phase`.
     """
 
     centre: tuple[float, float]
@@ -180,7 +188,10 @@ PATH_KINDS: dict[str, type] = {"still": Still, "line": Line, "circle": Circle}
 
 @dataclass(frozen=True)
 class Disk:
-    """A disk of `radius` (m; zero for a point) whose centre moves along `path`, a Still, Line or Circle."""
+    """A disk whose centre moves along a path.
+
+    path : Still, Line or Circle. radius : m, zero for a point. ValueError where one does not fit.
+    """
 
     path: Path
     radius: float
@@ -207,7 +218,10 @@ class Disk:
 
     @classmethod
     def of(cls, disk: "Disk | Mapping[str, Any]") -> "Disk":
-        """`disk` itself if it is a Disk, else the one that a dictionary from `describe` stands for; else ValueError."""
+        """`disk` itself if it is a Disk, else the disk that a dictionary of `describe` stands for.
+
+        ValueError if it is neither, or a number of it does not fit.
+        """
         if isinstance(disk, cls):
             return disk
         try:
@@ -248,8 +262,9 @@ class Arm:
         option("kinematics", self.kinematics, KINEMATICS)
 
     def links(self, q: FloatArray) -> tuple[Segment, Segment]:
-        """The two links at joint angles q (..., 2), from the base to the elbow and on to the tip; ValueError for
-        another shape.
+        """The two links at joint angles q (..., 2), rad: from the base to the elbow, and from there to the tip.
+
+        ValueError for angles of another shape.
         """
         q = np.asarray(q, dtype=np.float64)
         if q.ndim < 1 or q.shape[-1] != 2:
@@ -261,34 +276,39 @@ class Arm:
         return upper, Segment(upper.end, _unit(angle), l2 if relative else l1 + l2)
 
     def joints(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions of elbow and tip, each of shape (..., 2), at joint angles q (..., 2)."""
+        """Positions of elbow and tip, (..., 2) each, m, at joint angles q (..., 2), rad; the base is at the origin."""
         upper, lower = self.links(q)
         return upper.end, lower.end
 
     def tip(self, q: FloatArray) -> FloatArray:
-        """The end-effector's position E[q] of Eq. (4), shape (..., 2)."""
+        """The end-effector's position E[q] of Eq. (4), (..., 2), m, at joint angles q (..., 2), rad."""
         return self.joints(q)[1]
 
     def distance(self, q: FloatArray, points: FloatArray) -> FloatArray:
-        """Distance from the skeleton at q (M, 2) to points, one (2,) or one for each row (M, 2); shape (M,), m."""
+        """Distance from the skeleton, the links without their width, to points: (M,), m.
+
+        q : (M, 2), joint angles, rad. points : (2,), or one for each row, (M, 2); ValueError for another shape.
+        """
         upper, lower = self.links(q)
         if points.shape not in ((2,), lower.start.shape):
             raise ValueError(f"points must have shape (2,) or {lower.start.shape}, got {points.shape}")
         return np.minimum(upper.distance(points), lower.distance(points))
 
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
-        """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]; shape (M,), m.
+        """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]: (M,), m.
 
-        It is the infimum over all times, not over samples (Sec. 6.2.1), and exact up to rounding for every `path`.
-        `t1` must not be before `t0`.
+        It is the infimum over all times, not over samples (Sec. 6.2.1), and exact up to rounding for every `path`. t1
+        must not be before t0, s, which is not checked.
         """
         upper, lower = self.links(q)
         return np.minimum(path.swept_distance(upper, t0, t1), path.swept_distance(lower, t0, t1))
 
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
-        """Outline of the region R(q) that the arm occupies at the joint angles q (2,), for drawing.
+        """Outline of the region R(q) that the arm occupies at joint angles q (2,), rad, for drawing: (V, 2), m.
 
-        It is a closed polygon (V, 2), inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
+        It is a closed polygon, whose last point is its first, with the base at the origin. arc_points : points on each
+        quarter of a circle; the polygon is inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
+        An arm of half_width 0 is the line to the tip and back. ImportError without Shapely.
         """
         try:
             from shapely import LineString  # only drawing needs it

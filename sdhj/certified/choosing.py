@@ -19,13 +19,17 @@ nothing was rounded out on axes with one velocity, and with that, each for the w
 an eighth of it; and those are taken of which more is kept, where a loss of l leaves exp(-`DECAY` l), added up over the
 steps.
 
-Where each axis loses more than there is, and the target's axes are a problem of their own with one velocity, as an arm
-that is pursued, the recursion on these axes alone is run for some numbers of cells (`sdhj.certified.alone`): it knows
-which fit the target and what inputs move. The other axes have what can be paid then, and the cells are taken of which
-most is kept.
+Where each axis loses more than there is, or all cells move alike, and the target's axes are a problem of their own with
+one velocity, as an arm that is pursued, the recursion on these axes alone is run for some numbers of cells
+(`sdhj.certified.alone`): it knows which fit the target and what inputs move. The other axes have what can be paid then,
+and the cells are taken of which most is kept.
+
+On axes where cells are not aligned with what inputs move, their number is changed a little at last, so that edges of
+cells are faces of the target, where it has such: of a crane whose load has to hang still four times as much is proved.
 
 *What is paid.* A count of what is computed, times the seconds that each took on one core where this was written. It is
-no clock, so a problem has the same cells on every machine.
+no clock, so a problem has the same cells on every machine. `python figures/studies/cost_of_cells.py` measures these
+seconds again, beside what `costs` says of each part of a solve.
 """
 
 import itertools
@@ -38,21 +42,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sdhj.certified.alone import axes_alone, proved_alone
+from sdhj.certified.arrivals import sites_of
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
-from sdhj.certified.general_proof import EVALUATED, FINEST, peak, shapes
+from sdhj.certified.general_proof import finest, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
+from sdhj.certified.oblique import normals_of
+from sdhj.certified.packing import packed_axis
+from sdhj.certified.word_tubes import goes_along, in_words, pieces_of
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
-from sdhj.problem.cost import ENDLESS_STEPS
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
 
 FLOW_PARTS = 64  # parts of an interval in which velocities carry a boundary on
 SPEED_STATES = 256  # states around which velocities are bounded
 BOX = 1 / 64  # of an axis, the width of these boxes
 SET_NODES = 1_000_000  # at which a set is looked at, at most
+SET_STATES = 20_000  # at which the target is, for the cost
 SHORTER = (1 / 2, 1 / 4, 1 / 8)  # of the time, what is tried too
+FITTED, ROUNDED = 0.04, 1e-9  # by how much a number of cells is changed for the target; cells
+LINES, FLAT = 8, 1e-6  # through a set, and what share of an axis ends of one face may differ by
+ON_A_LINE, HALVINGS_OF_A_LINE = 1025, 40  # states on a line, and how often what is between two is halved
 TRIALS = 16  # of the numbers of cells
 WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
@@ -68,13 +80,18 @@ WORTH = 0.03  # to lose less, by the model, is not worth more cells
 MOST_OF_AN_AXIS = 4096
 MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
-# seconds, in `prepare`: for a part of an interval and an axis of a box, and an operation of the velocities; for a cell,
-# an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at unsafe ends; for
-# an operation of a set and a box
-AXIS, OPERATION, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.1e-7, 1.4e-8, 4e-9, 4e-7, 1e-8, 1e-9
-# in the recursion, for a cell of an entry, a row of its image, and a row that a changed one is reached from
-ENTRY, IMAGE, NEAR_ROW = 3e-8, 7e-10, 2e-10
-BLACK_BOX, LOOK_UP = 100, 40  # operations
+# seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
+# for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
+# unsafe ends; for an operation of a set and a box
+AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
+# for a piece of an image that is judged against the target, so many times as many for each of its axes but one
+ARRIVAL, OPEN = 1.2e-7, 6
+# in the recursion, for a cell of an entry, for its inputs (of many most are done with at once: the root of their
+# number), and for a row of its image
+ENTRY, LED, IMAGE = 8e-9, 6e-9, 7e-10
+# for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
+WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
+BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 
 class Speeds(NamedTuple):
@@ -125,9 +142,60 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
 
     tried = itertools.product(((without, unrounded), (rates, lost)), (1.0, *SHORTER))  # more must not prove less
     places = max((_spread(problem, parts, seconds * by, speeds, cells, *some) for some, by in tried), key=kept)
-    if lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
+    together = goes_along(problem, place_axes(problem, _picked(cells, places)), every)
+    if together or lost[every, places].mean() > 1.0:  # on each axis more than there is: losses are not linear here
         places = _by_axes_alone(problem, parts, seconds, speeds, cells, rates, lost) or places
-    return tuple(wishes[place] for place in places)
+    return tuple(_fitted(problem, axis, wishes[place]) for axis, place in enumerate(places))
+
+
+def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
+    """About as many cells as are wished, of which edges are faces of the target, as nearly as can be.
+
+    What is lost there is lost again in all steps, as what gets to a smaller set is smaller. Cells that are aligned
+    with what inputs move stay as they are.
+    """
+    if problem.has_no_target or axis not in problem.target.axes or is_steady(problem, axis):
+        return wish
+    faces = _faces(problem, axis)
+    if not faces:
+        return wish
+    extent = problem.grid.upper[axis] - problem.grid.lower[axis]
+    more = max(round(FITTED * wish), 1)
+
+    def missing(count: int) -> float:
+        """What the cells in the target leave of it, between these faces."""
+        low, high = ((face - problem.grid.lower[axis]) / extent * count for face in faces)
+        return (math.ceil(low - ROUNDED) - low + high - math.floor(high + ROUNDED)) / count
+
+    some = range(max(wish - more, 2), wish + more + 1)
+    return min(some, key=lambda count: (round(missing(count), 9), abs(count - wish)))
+
+
+def _faces(problem: ReachAvoidProblem, axis: int) -> tuple[float, float] | None:
+    """Where lines along an axis enter and leave the target, if that is the same for all of some; else None."""
+    target, grid, t = problem.target, problem.grid.subgrid(problem.target.axes), problem.time(0)
+    drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SET_STATES, grid.ndim))
+    lines, k = drawn[np.argsort(target.level_set(drawn, t))[:LINES]], target.axes.index(axis)
+
+    def inside(line: FloatArray, places: FloatArray) -> FloatArray:
+        """Whether states (M,) on a line are in the target."""
+        states = np.tile(line, (len(places), 1))
+        states[:, k] = places
+        return np.asarray(target.level_set(states, t) <= 0.0)
+
+    places, found = np.linspace(grid.lower[k], grid.upper[k], ON_A_LINE), []
+    for line in lines:
+        middle, outside = line[k], places[~inside(line, places)]
+        below, above = outside[outside < middle], outside[outside > middle]
+        if not inside(line, line[k : k + 1]).any() or not below.size or not above.size:
+            return None
+        ends = np.array([[below[-1], middle], [above[0], middle]])  # outside and inside
+        for _ in range(HALVINGS_OF_A_LINE):
+            between = ends.mean(axis=1)
+            ends[[0, 1], inside(line, between).astype(int)] = between
+        found.append(ends[:, 1])
+    flat = bool((np.ptp(found, axis=0) < FLAT * (grid.upper[k] - grid.lower[k])).all())
+    return (float(found[0][0]), float(found[0][1])) if flat else None
 
 
 def _by_axes_alone(
@@ -424,31 +492,125 @@ def cost(
     parts : into which an interval is cut. boxes : in how many boxes the level-set function of each unsafe set is
         bounded.
     """
+    each = costs(problem, axes, parts, speeds, boxes)
+    return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
+
+
+def costs(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
+) -> dict[str, float]:
+    """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion"."""
     depends = place_axes(problem, axes)
-    _, moves, clear = shapes(problem, axes, depends)
-    (starts, count, places, ndim), (times, cells, _) = moves, clear
-    entries = (problem.steps or ENDLESS_STEPS) * (1.0 if problem.time_invariant else (problem.most_steps + 1) / 2)
-    pieces = min(max(EVALUATED // (places * count * parts * starts * 2), 1), FINEST) * parts * starts * count * places
+    moves, clear = shapes(problem, axes, depends)[1:]
+    starts, count, places, ndim = moves
+    each = parts * starts * count
+    calls, pieces = (each * finest(problem, parts, some) for some in ((starts, count, 1, ndim), moves))
     drift = problem.dynamics.drift
     velocity = drift if isinstance(drift, BlackBox) else problem.dynamics.each["drift"][0]
-    first = pieces * (AXIS * ndim + OPERATION * _operations(velocity))
+    return {
+        # as many calls as of a single place, so that more cells never cost less
+        "intervals": PIECE * calls + pieces * places * (AXIS * ndim + OPERATION * _operations(velocity)),
+        "unsafe sets": _cost_of_sets(problem, axes, depends, (starts, clear[0], parts), speeds, boxes),
+        "arrivals": _cost_of_arrivals(problem, axes, depends),
+        "recursion": _cost_of_recursion(problem, axes, depends, speeds),
+    }
+
+
+def _cost_of_sets(
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    depends: FloatArray,
+    often: tuple[int, int, int],
+    speeds: Speeds,
+    boxes: int,
+) -> float:
+    """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
+
+    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
+    """
+    (starts, times, parts), count, out = often, len(problem.inputs), 0.0
+    cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
         """The number of cells for which an input's tubes are tested against what depends on the axes `axes_of`."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
+        if in_words(problem, depends, axes, unsafe_set, parts):
+            out += _cost_in_words(problem, axes, unsafe_set, often, speeds)
+            continue
         free = [axes[k].count for k in unsafe_set.axes if not depends[k]]
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
-        first += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
-        first += BOXED * boxes * _operations(unsafe_set.level_set)
+        out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
+        out += BOXED * boxes * _operations(unsafe_set.level_set)
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
-    first += AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0
-    widths, delta, counts = np.array([float(axis.width) for axis in axes]), problem.delta, [axis.count for axis in axes]
-    image = np.minimum(2 + delta * (speeds.widths + speeds.wider @ widths) / widths, counts)[:-1].prod()
-    near = np.minimum(2 + delta * np.ptp(speeds.extremes, axis=0) / widths, counts)[:-1].prod()
-    image = float(image) if depends[-1] else 0.0  # else words are asked for
-    return first, entries * cells * (ENTRY + IMAGE * image + NEAR_ROW * float(near) / counts[-1])
+    return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
+
+
+def _cost_in_words(
+    problem: ReachAvoidProblem,
+    axes: tuple[CellAxis, ...],
+    unsafe_set: UnsafeSet,
+    often: tuple[int, int, int],
+    speeds: Speeds,
+) -> float:
+    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time.
+
+    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
+    """
+    (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
+    spans = times * parts if unsafe_set.moving else 1
+    own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
+    boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
+    bits = BIT * cells * count * (times if unsafe_set.moving else starts)
+    return BOXED * boxes * _operations(unsafe_set.level_set) + WORD * _words(axes) * count * parts * starts + bits
+
+
+def _words(axes: Sequence[CellAxis]) -> int:
+    """How many words of 64 cells along the last axis a set is kept in."""
+    return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
+
+
+def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
+    """Seconds to judge the images in the target: the more axes it has, the more pieces they are cut into."""
+    times, sites, _ = sites_of(problem, axes, depends)[1]
+    if not times:
+        return 0.0
+    images = sites * times * len(problem.inputs) * _share_inside(problem)
+    return ARRIVAL * images * OPEN ** (len(problem.target.axes) - 1)
+
+
+def _share_inside(problem: ReachAvoidProblem) -> float:
+    """The share of the states, along its axes, that are in the target at first."""
+    grid, target = problem.grid, problem.target
+    own = grid.subgrid(target.axes)
+    points = np.random.default_rng(0).uniform(own.lower, own.upper, (SET_STATES, own.ndim))
+    return float((target.level_set(points, problem.time(0)) <= 0.0).mean())
+
+
+def _cost_of_recursion(
+    problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, speeds: Speeds
+) -> float:
+    """Seconds of the recursion: in each entry every cell and input, and rows of images where no 64 cells move alike."""
+    entries = float(losing_steps(problem, speeds)) if problem.steps is None else float(problem.steps)
+    if not problem.time_invariant:
+        entries *= (problem.most_steps + 1) / 2
+    cells = math.prod(axis.count for axis in axes)
+    if goes_along(problem, depends, range(len(axes))):
+        return entries * (WORD * _words(axes) * len(problem.inputs) + IN_WORDS * cells)
+    packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
+    each = ENTRY + LED * math.sqrt(len(problem.inputs))
+    if depends[packed] or problem.grid.has("frees"):
+        widths, counts = np.array([float(axis.width) for axis in axes]), [axis.count for axis in axes]
+        image = np.minimum(2 + problem.delta * (speeds.widths + speeds.wider @ widths) / widths, counts)
+        each += IMAGE * float(np.delete(image, packed).prod())
+    return entries * cells * each
+
+
+def _moved_alike(speeds: Speeds) -> list[int]:
+    """The axes with one velocity that all inputs move alike."""
+    ways = speeds.ways
+    return [] if ways is None else [axis for axis, scale in zip(ways.axes, ways.scales, strict=True) if not scale]
 
 
 def _operations(function: Any) -> int:

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import h5py
@@ -18,12 +18,14 @@ from tqdm import tqdm
 from sdhj.certified.arrivals import Arrivals, sites_of
 from sdhj.certified.bounds import Bounds, known_sets
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
-from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Changes, Images, moves_of, place_axes
+from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
+from sdhj.certified.packing import Changes, Packing
+from sdhj.certified.word_tubes import Lattice, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
-from sdhj.kernels.packed import to_words
+from sdhj.kernels.packed import STATE_SLACK, to_words
 from sdhj.kernels.stencils import (
     Boxes,
     Placed,
@@ -33,6 +35,7 @@ from sdhj.kernels.stencils import (
     mark_collisions,
     mark_exits,
 )
+from sdhj.kernels.windows import mark_met
 from sdhj.problem.checks import whole
 from sdhj.problem.memory import require
 from sdhj.problem.problem import ReachAvoidProblem
@@ -102,6 +105,8 @@ def lattice_of(
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
+WORDS_OF_A_WORD = 40  # while cells are looked at in words: boxes of half a cell on three axes, with margins, and unions
+TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
 
@@ -118,6 +123,13 @@ def shapes(
     return strides, moves, (times, math.prod(axis.count for axis in axes), -(-moves[1] // 8))
 
 
+def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> float:
+    """Into how many pieces a part of an interval may be cut; into one where a velocity is the same everywhere."""
+    if problem.dynamics.constant:
+        return 1.0
+    return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
+
+
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
@@ -125,13 +137,19 @@ def peak(
 
     parts : into which an interval is cut. moves, clear : the shapes of these arrays, as `shapes` returns them.
     """
+    own = place_axes(problem, axes)
+    words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
+    united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
         for part in known_sets(problem)
+        if not any(part is one for one in united)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    own = place_axes(problem, axes)
+    needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if united else 0
     needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
+    if own[-1]:  # once more, as the recursion asks for them
+        needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])
     return needed + 16 * PLACES * len(axes) * parts + BYTES_OF_A_BOX * max(boxes, default=0)
 
 
@@ -158,6 +176,7 @@ class GeneralProof(Images):
     _drawn: list[Lines] = field(default_factory=list)  # the lines of its images, once there are any
     kind = "enclosed"
     most_boxes: ClassVar[int] = BOXES_OF_A_SET
+    unites: ClassVar[bool] = True  # boxes, where these are too many to be counted
 
     @property
     def lines(self) -> Lines:
@@ -290,27 +309,86 @@ class GeneralProof(Images):
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
-    def prepare(self, progress: bool | None) -> None:
-        """Fill the moves, the lines, `clear` and `arrives`, and make them read-only. Called once, after `of`.
+    def prepare(self, progress: bool | None) -> Packing:
+        """Fill moves, lines, `clear` and `arrives`, and make them read-only: where each input takes each place, from
+        where it stays clear, and from where it leads into the target. ValueError where a bound is missing.
 
-        Says for each input and place where the cells are led, where they stay clear, and where they are led into the
-        target.
-
-        progress : whether to show progress bars, as for `sdhj.solve`. ValueError where a bound is missing.
+        What is returned makes the sets, as `add` asks it to.
         """
-        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
-        mark, drawing = partial(self._mark_collisions, self._lattices(progress)), Drawing(self)
-        arrivals = Arrivals(self)
+        drawing, arrivals, in_words = Drawing(self), Arrivals(self), self.met_in_words
+        mark = partial(self._mark_collisions, self._lattices(progress))
+        kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
             """Keep what the recursion needs of places `some` (M,) under u_j; arguments as of `Images.fill`."""
             mark(start, j, some, tubes)
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
+            if in_words:
+                kept[start, j, some] = tubes
 
-        self.fill(min(max(finest, 1), FINEST), progress, use)
+        self.fill(int(finest(self.problem, self.parts, self.low.shape)), progress, use)
         self._drawn.append(drawing.lines)
+        for unsafe_set in tqdm(in_words, desc="unsafe sets", leave=False, disable=hidden(progress)):  # obligation 4.56
+            self._mark_in_words(unsafe_set, kept[..., list(unsafe_set.axes), :])
         read_only((self.low, self.high, self.clear, self.sites, self.arrives))
+        return Packing(self)
+
+    @cached_property
+    def met_in_words(self) -> tuple[UnsafeSet, ...]:
+        """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
+        move alike, and no end is safe.
+        """
+        few = self.unites and math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
+        depends = self.strides > 0
+        return tuple(
+            one for one in self.problem.unsafe if few and in_words(self.problem, depends, self.axes, one, self.parts)
+        )
+
+    @property
+    def _met_by_cells(self) -> list[UnsafeSet]:
+        """The other unsafe sets."""
+        return [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
+
+    def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
+        """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""
+        own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
+        axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
+        lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
+        first, last = windows(lattice, NARROW * scale, tubes)
+        far = far_beyond(lattice, *(one.reshape(-1, len(own)) for one in (first, last)))
+        for step, times in enumerate(spans):
+            starts = range(len(tubes)) if len(spans) == 1 else [min(step, len(tubes) - 1)]
+            each = [boxes_in_words(self.bounds, unsafe_set, lattice, MARGIN_OF_BOXES * scale, far, t) for t in times]
+            for start, place in itertools.product(starts, range(tubes.shape[2])):
+                ends = (one[start, :, place].reshape(-1, len(own)) for one in (first, last))
+                met = self._met_at_once(unsafe_set, each, lattice, *ends)
+                steps = range(len(self.clear)) if len(spans) == len(tubes) == 1 else [max(step, start)]
+                for at in steps:
+                    self._clear_bits(at, place, unsafe_set, met)
+
+    def _met_at_once(
+        self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
+    ) -> FloatArray:
+        """From which cells of its axes a place's tubes (L * parts, d) meet boxes, of each part or of all: (L, ...)."""
+        inputs, axes = self.low.shape[1], lattice.axes
+        met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
+        for part, boxes in enumerate(each):
+            # obligation 4.58
+            some = np.arange(part, len(first), self.parts) if len(each) > 1 else np.arange(len(first))
+            for alike, cells in united(boxes, lattice, first, last, some, len(axes) - 1):
+                for j in filter(unsafe_set.counts, np.unique(alike // self.parts).tolist()):
+                    met[j] |= cells
+        return met
+
+    def _clear_bits(self, step: int, place: int, unsafe_set: UnsafeSet, met: FloatArray) -> None:
+        """Take away the bits of inputs from cells at a place, which meet a set from cells of its axes: met (L, ...)."""
+        inside, others = np.zeros((2, len(self.axes)), np.bool_)
+        inside[list(unsafe_set.axes[:-1])], others[self.strides == 0] = True, True
+        others[list(unsafe_set.axes)] = False
+        rows, beside = self._numbers(inside), self._numbers(others)
+        begin = self.layout.begin[place] + rows
+        mark_met(self.clear[step], begin, beside, met.reshape(len(met), len(rows), -1), self.axes[-1].count)
 
     def _mark_collisions(
         self,
@@ -341,7 +419,7 @@ class GeneralProof(Images):
             ends = np.flatnonzero(np.isfinite(faces).any(axis=0))
             self._once(still, ends, lambda bits, some: mark_exits(bits, leaving, places, faces, bit, some))
         # obligation 4.47
-        own = [one for one, part in zip(lattices, self.problem.unsafe, strict=True) if part.counts(j)]
+        own = [one for one, part in zip(lattices, self._met_by_cells, strict=True) if part.counts(j)]
         for lattice in (one for one in own if len(one) == 1):  # obligation 4.9
             self._met(still, tubes, places, lattice[0], bit)
         for step in range(len(self.clear)) if len(self.low) == 1 else (start,):
@@ -381,31 +459,37 @@ class GeneralProof(Images):
         every = clear.reshape(counts)
         every &= first.reshape(counts)[tuple(slice(1 if one else None) for one in alike)]
 
-    def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
-        """For each unsafe set its lattices (`lattice_of`): one for each step, or a single one if the set stands still.
-
-        progress : as for `prepare`. centres : as for `lattice_of`.
-        """
-        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
-        out: list[list[Boxes]] = []
+    @kept
+    def _sway(self) -> FloatArray:
+        """By how much an adversary and errors move states to both sides in an interval, somewhere, (ndim,)."""
         grid, sensing = self.problem.grid, self.problem.sensing
-        length, late = sensing.hold(self.problem.delta)[0], sensing.jitter
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
             np.ptp(self.bounds.velocity(j, middle, middle, t, t), axis=0)[0] for j in range(len(self.problem.inputs))
         ]
-        sway = np.max(pushed, axis=0) / 2 * length + self.prediction_error
-        for part in tqdm(self.problem.unsafe, desc="unsafe sets", leave=False, disable=hidden(progress)):
-            if not part.moving:
-                out.append([made(part, [self._always], 1, sway)])
-                continue
-            out.append([])
-            for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
-                # obligation 4.7
-                cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
-                times = [(t0 - late, t1 + late) for t0, t1 in cuts]  # obligation 4.8
-                out[-1].append(made(part, times, self.problem.steps, sway))
+        return np.asarray(np.max(pushed, axis=0) / 2 * sensing.hold(self.problem.delta)[0] + self.prediction_error)
+
+    def _spans(self, unsafe_set: UnsafeSet) -> list[list[tuple[float, float]]]:
+        """For each step the times of each part of its interval; all time, once, of a set that stands still."""
+        if not unsafe_set.moving:
+            return [[self._always]]
+        length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
+        for begin in map(self.problem.time, range(self.problem.steps)):  # obligation 4.6
+            # obligation 4.7
+            cuts = itertools.pairwise(begin + length * at / self.parts for at in range(self.parts + 1))
+            out.append([(t0 - late, t1 + late) for t0, t1 in cuts])  # obligation 4.8
         return out
+
+    def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
+        """For each unsafe set that is met cell by cell its lattices (`lattice_of`), one for each step, or one for all
+        where it stands still.
+        """
+        made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
+        return [
+            [made(part, times, len(spans), self._sway) for times in spans]
+            for part in tqdm(self._met_by_cells, desc="unsafe sets", leave=False, disable=hidden(progress))
+            for spans in [self._spans(part)]
+        ]
 
     def goal(self, step: int) -> FloatArray:
         """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
@@ -445,17 +529,12 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
+        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are packed, (rows, W) uint64.
 
-        Adds the cells that a clear input takes into `following`; without a target, keeps only those that one does.
-
-        prepared : not used.
-        following : S_{k+1}^{n-1}.
-        changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
-            may be there are asked about. None: all are.
+        following : S_{k+1}^{n-1}. changed : by which rows and bits it differs from S_{k+1}^{n-2}; None: all may.
+        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`. prepared : what `prepare` returned.
         """
-        clear = self.clear[min(step, len(self.clear) - 1)]
-        self.add_predecessors(cells, following, step, changed, clear, 1)
+        prepared.add(cells, following, step, changed, self.clear, 1)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.

@@ -37,9 +37,9 @@ from sdhj.certified.oblique import Lines, no_lines
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
-from sdhj.kernels.packed import STATE_SLACK, Cells, to_bits, to_words
+from sdhj.kernels.packed import STATE_SLACK, Cells
 from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
-from sdhj.kernels.stencils import Moves, grow, has_lines, reached_words
+from sdhj.kernels.stencils import Moves, has_lines
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import STRIDES, threads
@@ -238,7 +238,6 @@ BOXES_OF_A_SET = 4_000_000  # in which a level set is asked for, at all times to
 PIECES_OF_A_CELL = 16  # on each axis, at most
 HALVINGS_OF_A_CELL = 4  # of a cell along each axis: 16 pieces
 TRIES = 12  # to find a box that the state stays in
-Changes = tuple[FloatArray, FloatArray] | None  # rows, and their words with cells that changed; None: any may have
 
 
 @dataclass(frozen=True)
@@ -366,41 +365,6 @@ class Images(Proof):
         more = np.where(np.arange(len(self.axes)) < self.rows, 1.0, 64.0)  # whole words are marked
         sizes = [np.prod(one[:, :, 1] - one[:, :, 0] + more, axis=2).sum() for one in (each, whole)]
         return each if sizes[0] < sizes[1] else whole
-
-    def add_predecessors(
-        self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, clear: FloatArray, groups: int
-    ) -> None:
-        """Add to `cells` those that a clear input leads into `following`; if sets shrink, keep of `cells` only such.
-
-        In place; sets are (rows, W) uint64. Only words of cells are looked at whose images may hold a change.
-
-        step : k, at which the interval begins.
-        changed : the rows, and their words, with the bits by which `following` has changed since the last call for this
-            step; None: all words are looked at.
-        clear (cells, bytes) uint8 : a bit for each clear input of each cell; of size 0: every input is clear.
-        groups : the moves fall into so many groups of one length, one after the other; a cell needs a move of every
-            group that leads it into `following`.
-        """
-        near = np.full(cells.shape, changed is None)
-        if changed is not None:
-            scratch = np.empty((4, len(self.axes) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
-            reached_words(
-                *changed, self.farthest_moves[min(step, len(self.farthest_moves) - 1)], self.cells, near, *scratch
-            )
-        grow(near, cells, self._extended(following, step), clear, self.moves(step), groups, self.cells, self.shrinks)
-
-    def _extended(self, following: FloatArray, step: int) -> FloatArray:
-        """A set (rows, W), padded along the last axis as far as images reach, so that they need not wrap or be clipped.
-
-        The set itself where a place depends on the last axis, an end is safe, or images reach farther than the axis is
-        long.
-        """
-        moves, count = self.moves(step), self.axes[-1].count
-        far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
-        if self.strides[-1] or np.isfinite(self.past).any() or far > count:
-            return following
-        margin, mode = 64 * (far // 64 + 1), "wrap" if self.axes[-1].periodic else "edge"  # obligation 3.6
-        return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
     def fill(
         self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]

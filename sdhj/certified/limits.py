@@ -31,8 +31,9 @@ import numpy as np
 from sdhj.certified.arrivals import HALVINGS, MOST_PIECES, Arrivals
 from sdhj.certified.cells import CellAxis, aligned, axis_of, layers_of
 from sdhj.certified.choosing import cost, speeds_of
-from sdhj.certified.general_proof import EVALUATED, FINEST, GeneralProof
-from sdhj.certified.images import BOXES_OF_A_SET, Changes
+from sdhj.certified.general_proof import GeneralProof, finest
+from sdhj.certified.images import BOXES_OF_A_SET
+from sdhj.certified.packing import Changes, Packing
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.stencils import Moves
@@ -75,6 +76,7 @@ class Copy(GeneralProof):
     of_centres: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0), np.uint8))
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
+    unites: ClassVar[bool] = False
     _rounded: dict[tuple[int, int], Moves] = field(default_factory=dict)  # by start and phase
     _turn: list[int] = field(default_factory=lambda: [0])  # how many sets have been made, where they are of no step
 
@@ -91,14 +93,13 @@ class Copy(GeneralProof):
         """
         return len(PHASES) if "rounding" in self.without else 1
 
-    def prepare(self, progress: bool | None) -> None:
+    def prepare(self, progress: bool | None) -> Packing:
         """Fill moves, `clear`, `of_centres`, arrivals and ends, and make them read-only; nothing if that has been done.
 
         progress : not used. ValueError where a bound is missing.
         """
         if not self.low.flags.writeable:
-            return
-        finest = EVALUATED // (self.low[..., 0].size * self.parts * 2)
+            return Packing(self)
         mark = partial(self._mark_collisions, self._lattices(False))
         mark_centres = partial(self.taking("clearance")._mark_collisions, self._lattices(False, True))
         arrivals = Arrivals(self)
@@ -110,8 +111,9 @@ class Copy(GeneralProof):
             self.ends[start, j, some] = last
             arrivals.add(start, j, some, last)
 
-        self.fill(min(max(finest, 1), FINEST), False, use)
+        self.fill(int(finest(self.problem, self.parts, self.low.shape)), False, use)
         read_only((self.low, self.high, self.clear, self.of_centres, self.arrives, self.ends))
+        return Packing(self)
 
     def centred(self, places: FloatArray, ends: FloatArray) -> FloatArray:
         """How far the centres of the cells at places (M,) may move, from how far their ends do: both (M, ..., ndim, 2).
@@ -158,7 +160,9 @@ class Copy(GeneralProof):
         Without rounding all cells are asked about, whatever has `changed`: their images are others than in the step
         before. Counts the turn of `moves`.
         """
-        super().add(prepared, cells, following, step, changed if self.phases == 1 else None)
+        if self.phases > 1:  # its moves are those of a turn
+            prepared, changed = Packing(self), None
+        super().add(prepared, cells, following, step, changed)
         self._turn[0] += 1
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:

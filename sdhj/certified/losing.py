@@ -27,7 +27,8 @@ import numpy as np
 
 from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import CellAxis
-from sdhj.certified.images import Changes, Images, moves_of, place_axes
+from sdhj.certified.images import Images, moves_of, place_axes
+from sdhj.certified.packing import Changes, Packing
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import to_words
@@ -83,13 +84,14 @@ class LosingProof(Images):
         """The unsafe ends of axes, lower and upper, (2, ndim), past which a state is lost; infinite for other ends."""
         return np.stack(self.problem.grid.faces("fails"))
 
-    def prepare(self, progress: bool | None) -> None:
+    def prepare(self, progress: bool | None) -> Packing:
         """Fill the moves of every input and vertex, and make them read-only. Called once, after `against`.
 
         progress : whether to show a bar, as for `sdhj.solve`. ValueError where a bound is missing.
         """
         self.fill(1, progress, lambda *_: None)
         read_only((self.low, self.high))
+        return Packing(self)
 
     @kept
     def inside(self) -> list[FloatArray]:
@@ -131,5 +133,5 @@ class LosingProof(Images):
         inside = self.inside[min(step, len(self.inside) - 1)]
         if self.shrinks:
             cells &= ~inside  # is lost wherever it is led
-        self.add_predecessors(cells, following, step, changed, np.zeros((0, 0), np.uint8), len(self.problem.inputs))
+        prepared.add(cells, following, step, changed, np.zeros((1, 0, 0), np.uint8), len(self.problem.inputs))
         cells |= inside

@@ -27,7 +27,9 @@ The obligations of the proof, where each is met, and the test in tests/certified
 4.  *All times count, not samples.* The joints are bounded over each part of the interval (`joint_ends`), the pursuer by
     its reach at the part's end (`touch_swept`), a disk by its speed (`steps_blocked`). [test_no_time_is_left_out]
     For the others: the box swept in each part, `mark_collisions`. [test_images_and_tubes_count_in_cells,
-    test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces]
+    test_cells_are_struck_as_plain_loops_say, test_signs_are_those_of_each_box_and_of_its_pieces] Where cells along all
+    axes of a set move alike and are many, boxes of it are united, 64 cells at a time: `word_tubes`.
+    [test_what_tubes_overlap_is_united_as_plain_loops_say, test_no_state_of_a_clear_cell_is_met]
 5.  *All states of the cell count, not its corners.* The remainder of `link_points`. [test_hulls_hold_the_links]
 6.  *A cell of the pursuer counts whole.* `touch_cells`. [test_pursuer_is_met_wherever_it_can_meet]
 7.  *Rounding is outward.* `MARGIN`, added to every radius. [test_contact_within_rounding_is_not_clear]
@@ -87,6 +89,9 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
                                                             test_boxes_cover_what_is_looked_up
     4    every function of which a set's is the least        test_boxes_that_may_meet_a_set_are_counted
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
+    4    what is met 64 cells at a time                     test_what_tubes_overlap_is_united_as_plain_loops_say
+    3, 4 all cells at once, in the checker                  test_what_windows_hold_is_united_as_plain_loops_say,
+                                                            test_boxes_hold_all_of_tubes_that_are_alike
     4    only what has wholly left is out of danger         "a rock at a safe end"
     4, 9 an angle on both sides of its jump                 test_every_value_is_on_a_side_of_the_jump
     5    all of a box, not only a part                      "the far half of a tube"

@@ -53,12 +53,11 @@ def squares(one: Node) -> list[Node] | None:
 
 
 def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
-    """A node that is equal to `branch` wherever the condition is true (holds) or false (not holds), with narrower
-    intervals.
+    """A node that is equal to `branch` wherever the condition is true, and whose intervals are narrower.
 
-    Each inequality that then holds cuts nodes of the branch by "min" and "max" (`_cuts`), and divisors that it keeps
-    off 0 make quotients "share"s. `branch` itself comes back where it is `total`, or has more than `MOST_NARROWED`
-    nodes.
+    holds : True; False for wherever the condition is false. Each inequality that then holds cuts nodes of the branch by
+    "min" and "max" (`_cuts`), and divisors that it keeps off 0 make quotients "share"s. `branch` itself comes back
+    where it is `total`, or has more than `MOST_NARROWED` nodes.
     """
     if branch.total or not (order := ordered([branch], MOST_NARROWED)):
         return branch

@@ -144,8 +144,9 @@ def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
 
 
 def _near(one: Any, other: Any) -> bool:
-    """Whether the `value`s of two nodes agree: floats to a share `CLOSE` of them, tables to `CLOSE` of the largest
-    number, others exactly.
+    """Whether the `value`s of two nodes agree: numbers and tables to a share `CLOSE`, anything else exactly.
+
+    Of a table: shapes exactly, values, lower ends and spacings to `CLOSE` of the largest of them.
     """
     if isinstance(one, Lookup) and isinstance(other, Lookup) and one.values.shape == other.values.shape:
         each = ((one.values, other.values), (one.lower, other.lower), (one.spacing, other.spacing))

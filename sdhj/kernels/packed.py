@@ -112,6 +112,44 @@ def shifted_word(block, word, shift):
 # ---- whole sets
 
 
+@kernel(inline="always")
+def transpose_word_block(block):
+    """Transpose 64 words as a matrix of bits: bit b of word a becomes bit a of word b. In place.
+
+    By quarters, of halves, of quarters and so on (Warren, Hacker's Delight, Sec. 7-3).
+    """
+    side, low = 32, np.uint64(0x00000000FFFFFFFF)
+    while side > 0:
+        k = 0
+        while k < 64:
+            moved = ((block[k] >> np.uint64(side)) ^ block[k + side]) & low
+            block[k] ^= moved << np.uint64(side)
+            block[k + side] ^= moved
+            k = (k + side + 1) & ~side
+        side >>= 1
+        low ^= low << np.uint64(side)
+
+
+@kernel(parallel=True)
+def swap_packed(sets, first, middle, last, out):
+    """The packed axis changes places with another: bit b of row (o, a, m) becomes bit a of row (o, b, m) of `out`.
+
+    sets (outer * first * middle, ceil(last / 64)), out (outer * last * middle, ceil(first / 64)) uint64, overwritten.
+    """
+    outer = sets.shape[0] // (first * middle)
+    for i in prange(outer * middle):
+        block = np.empty(64, np.uint64)
+        o, m = i // middle, i % middle
+        for across in range(out.shape[1]):
+            for along in range(sets.shape[1]):
+                for a in range(64):
+                    row = 64 * across + a
+                    block[a] = sets[(o * first + row) * middle + m, along] if row < first else np.uint64(0)
+                transpose_word_block(block)
+                for b in range(min(64, last - 64 * along)):
+                    out[(o * last + 64 * along + b) * middle + m, across] = block[b]
+
+
 @kernel(parallel=True)
 def erode_packed(cells, shifts, passes):
     """Erode sets by packed axes: a bit of a block stays if the bits at all shifts from it are set, axis after axis.

@@ -41,12 +41,12 @@ OUTCOME_INK = "#c44e00"  # a run, on blue tubes
 
 
 def style() -> AbstractContextManager[None]:
-    """A context manager in which figures are drawn and saved in the project's style."""
+    """A context manager in which figures are drawn and saved in the project's style (`STYLE_FILE`)."""
     return mpl.style.context(STYLE_FILE)
 
 
 def look(name: str) -> Looks:
-    """Matplotlib's keywords for the set `name`; a name without a style is drawn as an unsafe set."""
+    """Matplotlib's keywords for a patch of the set `name`, not to be changed; unknown names look like unsafe sets."""
     return LOOKS.get(name, UNSAFE_LOOKS)
 
 
@@ -114,7 +114,10 @@ def new_figure(width: float = 7.0, height: float = 3.4, **options: Any) -> Figur
 
 
 def writable_folder(folder: Named) -> Path:
-    """Create a folder if it does not exist; OSError, with what to do, before long work if it cannot be written to."""
+    """The folder as a Path, made if it does not exist, after trying that a file can be written in it.
+
+    OSError, with what to do, if not: to be called before long work.
+    """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -125,9 +128,9 @@ def writable_folder(folder: Named) -> Path:
 
 
 def writable_picture(path: Path | None, suffixes: Sequence[str] = (".png", ".pdf", ".svg")) -> None:
-    """Raise, before long work, OSError if a picture cannot be written to a path, ValueError for another ending.
+    """Raise OSError if a picture cannot be written to a path, ValueError for another ending: before long work.
 
-    suffixes : the endings that are allowed. Without a path nothing is asked.
+    path : None is allowed, and nothing is asked. suffixes : the endings that are allowed.
     """
     if path is not None:
         writable_file(path)

@@ -50,9 +50,10 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
-    """Draw faint outlines of a moving disk at `times` (K,), s, in the edge colour of `looks`, and its centre's path.
+    """Draw faint outlines of a moving disk at `times` (K,), s, and the path of its centre, dotted.
 
-    Each outline has the identifier `gid`; the path, dotted, goes from the first time to the last.
+    looks : their colour is its "edgecolor". gid : the identifier of each outline. The path goes from the first time to
+        the last.
     """
     plain: Looks = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "alpha": 0.55}
     for t in times:

@@ -28,9 +28,18 @@ QUARTER_LABELS = (r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$")
 
 @dataclass(frozen=True)
 class Plane:
-    """A slice along two axes: its coordinates `x` (X,) and `y` (Y,), and the states `points` (Y * X, ndim) on it.
+    """A slice of state space along two axes; made by `plane`.
 
     A periodic axis includes its upper end, where the states are the same as at its lower end.
+
+    Attributes
+    ----------
+    axes : (int, int)
+        The axes of the grid that vary.
+    x, y : (X,), (Y,) arrays
+        The coordinates along the first and along the second.
+    points : (Y * X, ndim) array
+        The states on the slice, x varying fastest.
     """
 
     axes: tuple[int, int]
@@ -39,15 +48,15 @@ class Plane:
     points: FloatArray
 
     def shaped(self, values: FloatArray) -> FloatArray:
-        """Reshape values (Y * X,) at `points` to (Y, X), as contour functions need them."""
+        """Reshape values (Y * X,) at `points` to (Y, X), float64, as contour functions need them."""
         return np.asarray(values, dtype=np.float64).reshape(len(self.y), len(self.x))
 
     def of(self, grid: Grid, values: FloatArray) -> FloatArray:
-        """Values at the nodes, grid.shape, interpolated at the points of the slice: (Y, X)."""
+        """Values at the nodes of a grid, (*grid.shape), interpolated at the points of the slice: (Y, X)."""
         return self.shaped(grid.interpolate(values, self.points))
 
     def true(self, part: TargetSet | UnsafeSet, t: float) -> FloatArray:
-        """The level-set function itself of a set at time t, s, at the points of the slice: (Y, X), not interpolated."""
+        """The level-set function of a set at time t, s, at the points of the slice, not interpolated: (Y, X)."""
         return self.shaped(part.level_set(self.points[:, part.axes], t))
 
 
@@ -293,7 +302,8 @@ def draw_tubes(
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
     """The path of states (T, ndim) on a slice, (R, 2), without jumps, once for each lap around periodic axes.
 
-    Rows of NaN stand between the laps. What is in the frame of the slice is the path, cut at its ends.
+    axes : the two axes of the slice. Rows of NaN stand between the laps, so that a line breaks there. The part of each
+        lap in the frame of the slice is the path, cut at the ends.
     """
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
     path, span = np.asarray(states, dtype=np.float64)[:, list(axes)], high - low

@@ -58,7 +58,7 @@ def draw_run(ax: Axes, table: Table, run: Trajectory, *, axes: Sequence[int] = (
 def draw_frame(ax: Axes, problem: ReachAvoidProblem, run: Trajectory, *, index: int) -> None:
     """Draw the workspace at the instant run.times[index] of a run of the arm, with the end-effector's path so far.
 
-    ValueError if the problem is not one of the arm's case studies.
+    ValueError if the problem is not one of the arm's case studies; IndexError if the run has no such instant.
     """
     view = scene(problem)
     draw_workspace(ax, view, state=run.states[index], time=float(run.times[index]))

@@ -191,12 +191,11 @@ def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
 
 
 def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
-    """Signed distance, (M,), between a part `a` in a frame with the pose x, y, heading, and the part `b`, which stands
-    still.
+    """Signed distance, (M,), between a part `a`, in a frame with a pose, and a part `b`, which stands still.
 
     Where the two meet: max over all edges of the least distance of the other part's corners beyond the edge, negative.
-    Else the least distance of a corner to an edge. From a half-plane b it is that max everywhere. x, y, heading : (M,)
-    or numbers, also traced. The module has the derivation.
+    Else the least distance of a corner to an edge. From a half-plane b it is that max everywhere. x, y, heading : the
+    pose of a's frame, (M,) or numbers, also traced. The module has the derivation.
     """
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
@@ -355,8 +354,8 @@ def depths(body: Body, points: FloatArray) -> FloatArray:
 def map_body_level_set(
     robot: Sequence[Body], distance: Callable[[Any, Any], Any], origin: Sequence[float], tolerance: float
 ) -> Callable[[FloatArray, float], FloatArray]:
-    """Make the level-set function (points (M, axes), t) -> (M,) of the states in which a robot meets what a map shows
-    as unsafe.
+    """Make the level-set function (points (M, axes), t) -> (M,) of a robot that must not touch what a map shows as
+    unsafe.
 
     The least of distance(middle) - radius over disks that cover the robot's bodies (`cover`, with the tolerance), less
     the bodies' radii. distance : signed distance (x, y) -> (M,) in the map's frame, whose pose (x, y, yaw) is `origin`.

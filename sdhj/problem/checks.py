@@ -179,8 +179,9 @@ def sealed(array: Any) -> Any:
 
 
 def option(name: str, value: Any, allowed: Sequence[Any]) -> None:
-    """Raise ValueError, naming it and all that is `allowed`, unless `value` is one of these, and of the type of the
-    first.
+    """Raise ValueError, naming it and all that is `allowed`, unless `value` is one of these.
+
+    It must also have the type of the first of them, so 1 is not True.
     """
     if type(value) is not type(allowed[0]) or value not in allowed:
         raise ValueError(f"{name} must be one of {', '.join(map(str, allowed))}, got {reprlib.repr(value)}")

@@ -62,11 +62,10 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
 
 
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
-    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval it is
-    for.
+    """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval.
 
-    It is looked at in `SWEPT_STATES` random states at `INSTANTS` of each interval; of many intervals, in at most
-    `SWEPT_STATES` of them. The set must have `swept`, and the problem a number of steps.
+    It is looked at in `SWEPT_STATES` random states at `INSTANTS` of the interval of each step; of many steps, of at
+    most `SWEPT_STATES`. The set must have `swept`, and the problem a number of steps.
     """
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))

@@ -171,11 +171,11 @@ class Dynamics:
         return VectorField(self.inputs, ndim, drift, gain, bounds, self.pieces)
 
     def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
-        """Raise ValueError where a user's function has other values, at states (M, ndim), than the formula that `read`
-        made of it.
+        """Raise ValueError where a user's function has other values than the formula that `read` made of it.
 
-        Compared are all functions that the last `read` has noted, under the first input at all `times`, and under each
-        other one at one of them; with one v, from -0.5 to 0.5 over its components. field : what `read` returned.
+        Compared are all functions that the last `read` has noted, at states (M, ndim), under the first input at all
+        `times`, and under each other one at one of them; with one v, from -0.5 to 0.5 over its components. field : what
+        `read` returned.
         """
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
@@ -553,7 +553,10 @@ class VectorField:
         return [Formula.traced("velocity", partial(velocity, one), count) for one in self.each["drift"]]
 
     def bounds_at(self, j: int = 0, t: float = 0.0) -> FloatArray:
-        """Half-widths of the box of v under input j at time t, (D,); ValueError where one is below 0."""
+        """Half-widths of the box of v under input j at time t, (D,), a new array; ValueError where one is below 0.
+
+        Bounds that do not depend on time are evaluated once for each input.
+        """
         if not self.bounds.timed and j in self._still_bounds:
             return self._still_bounds[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
@@ -564,7 +567,9 @@ class VectorField:
 
     @cached_property
     def _still_bounds(self) -> dict[int, FloatArray]:
-        """The half-widths that `bounds_at` has found, by the input, of use where they do not depend on time."""
+        """The half-widths that `bounds_at` found last, by input, filled in by it; read only where they do not depend on
+        time.
+        """
         return {}
 
     @cached_property
@@ -671,8 +676,9 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """`range` where drift or gain is a black box: bounds of the drift + sum_d of the least and greatest gain_d v_d,
-        rounded outward.
+        """`range` where drift or gain is a black box, with its arguments: by what is declared, rounded outward.
+
+        Bounds of the drift + sum_d of the least and of the greatest gain_d v_d.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])

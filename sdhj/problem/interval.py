@@ -284,11 +284,11 @@ class Interval:
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Where every input takes states (M, ndim) without an adversary, relative to them, by Euler and by the midpoint
-        rule.
+        """Where every input takes states (M, ndim) without an adversary, relative to them, by two rules: (M, L, ndim)
+        each.
 
-        delta f(x, t) and delta f(x + delta f / 2, t + delta / 2), (M, L, ndim) each, the point halfway clipped at
-        walls. begin : t. Also traced.
+        Euler's, delta f(x, t), and the midpoint rule, delta f(x + delta f / 2, t + delta / 2), the point halfway
+        clipped at walls. begin : t. States may be traced.
         """
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
@@ -301,8 +301,9 @@ class Interval:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
         Lower and upper corners, (M, L, ndim) each, or (1, L, ndim) where they are the same for all states (M, ndim).
-        They enclose where velocities do not depend on the state; else they are second order: the drift by the midpoint
-        rule, the gain that at the start, and pieces of v with the velocities halfway.
+        Exact where velocities do not depend on the state, but larger where v is cut into pieces. Else the drift is
+        taken by the midpoint rule, the adversary's gain is that at the start, and pieces of v have the velocities
+        halfway.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0

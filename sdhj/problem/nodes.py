@@ -85,7 +85,9 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 @lru_cache(maxsize=16)
 def _corners(grid: Grid) -> FloatArray:
-    """The corners of a grid, (2^ndim, ndim)."""
+    """The 2^ndim corners of a grid, the first and the last nodes of its axes: (2^ndim, ndim), read-only, kept by the
+    grid.
+    """
     ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
     return read_only(np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1))
 
@@ -194,10 +196,9 @@ def least_in_cells(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> 
 
 
 def _largest_change_nearby(values: FloatArray, axis: int) -> FloatArray:
-    """For each point, the largest |difference| between two neighbours along an axis that are both at most one point
-    away.
+    """For each point, the largest |difference| between neighbours along an axis near it; the same shape as `values`.
 
-    values : at the points of a grid; at most one point away along every axis. The same shape.
+    Both neighbours are at most one point away from it along every axis. values : at the points of a grid.
     """
     change = np.abs(np.diff(values, axis=axis))
     change = np.maximum(

@@ -332,10 +332,10 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) at time t, s, within spans (M, 1), s, by `STRIDES` Runge-Kutta steps:
-    (M, ndim).
+    """Where the model leads from states (M, ndim) at time t, s, within spans (M, 1), s: (M, ndim).
 
-    inputs (M,) : indices. v (M, D) : constant. Walls are ignored. Where the velocity depends on time, M must be 1.
+    Exact for constant velocities, else by `STRIDES` Runge-Kutta steps of order 4. inputs (M,) : indices. v (M, D) :
+    constant. Walls are ignored. Where the velocity depends on time, M must be 1.
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:

@@ -86,8 +86,9 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
 
 
 def _fastest(problem: ReachAvoidProblem) -> FloatArray:
-    """The greatest speed along each axis at `_states` under any input, v being the upper vertex of its box: (ndim,), in
-    the axes' units per second. Where no velocity reads the state, one state is asked for all.
+    """The greatest speed along each axis at `_states` under any input: (ndim,), in the axes' units per second.
+
+    v is the upper vertex of its box. Where velocities do not depend on the state, one state is asked.
     """
     states = _states(problem)[: 1 if problem.dynamics.stateless else None]
     return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
@@ -126,8 +127,10 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield the `_velocities`, if they read this axis, and the level-set functions of the sets that have it: each of
-    states (M, ndim), with values (M, ndim) or (M,).
+    """Yield functions of states (M, ndim): `_velocities`, if one reads this axis, and level-set functions of sets that
+    have it.
+
+    They return (M, ndim) and (M,).
     """
     if problem.dynamics.reads[:, axis].any():
         yield from _velocities(problem)

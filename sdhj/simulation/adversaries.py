@@ -65,36 +65,38 @@ class Moment:
     """
 
     problem: ReachAvoidProblem
-    states: FloatArray  # (M, ndim), the current state of each run
-    inputs: FloatArray  # (M,) int, the index in problem.inputs of the input that each robot holds over the interval
-    steps_to_go: FloatArray  # (M,) int, at the start of the interval
-    step: int  # k, of the interval
-    substep: int  # that begins; substep 0 begins at the start of the interval
-    time: float  # now, s
-    remaining: float  # until the interval's end, s
-    duration: float  # of the substep, s
-    previous: FloatArray  # (M, D), the disturbance in the previous substep; zeros at the start of an interval
-    runs: FloatArray  # (M,) int, the number of the run that each row belongs to; runs that have ended have no row
-    # of points (M, V, ndim), V for each run: level-set values (M, V) of the tube that has to hold the interval's end
+    states: FloatArray
+    inputs: FloatArray
+    steps_to_go: FloatArray
+    step: int
+    substep: int
+    time: float
+    remaining: float
+    duration: float
+    previous: FloatArray
+    runs: FloatArray
     tube: Callable[[FloatArray], FloatArray]
-    rng: np.random.Generator  # the only source of random numbers, so that runs with the same seed are identical
+    rng: np.random.Generator
 
     @property
     def interval(self) -> Interval:
-        """The velocities and the disturbance bounds of this interval."""
+        """The problem's interval with number `step`: its velocities and disturbance bounds."""
         return self.problem.interval(self.step)
 
     @property
     def bounds(self) -> FloatArray:
-        """Half-widths of the box of admissible disturbances v, shape (M, D)."""
+        """Half-widths of the box of admissible disturbances v, under the input of each run, now: (M, D)."""
         return self.interval.bounds(self.inputs, self.time)
 
     def gain(self, states: FloatArray) -> FloatArray:
-        """The matrices that map v to its part of the velocity at states (M, ndim), shape (M, ndim, D)."""
+        """The matrices that map v to its part of the velocity at states (M, ndim): (M, ndim, D).
+
+        Row m is under the input of run m, now.
+        """
         return self.interval.gain(states, self.inputs, self.time)
 
     def predicted(self) -> FloatArray:
-        """The state at the interval's end if v were 0 and the present velocity stayed constant, shape (M, ndim)."""
+        """Where the state would be at the interval's end with v = 0 and the present velocity: (M, ndim), new."""
         return self.states + self.remaining * self.interval.undisturbed(self.states, self.inputs, self.time)
 
 
@@ -113,11 +115,15 @@ def first_moment(
     rng: np.random.Generator,
     left: FloatArray | None = None,
 ) -> Moment:
-    """The moment at which an interval of M runs begins.
+    """The moment at which an interval of M runs begins, for the adversary.
 
-    states (M, ndim); inputs (M,), held over the interval; to_go (M,), the steps to go by which they were chosen; now :
-    the time, s, which may be other than t_step; runs (M,) : numbers of the runs. left (M,) : the steps to go of the
-    tube that has to hold the end; by default one fewer than `to_go` or, without a target, all that are left.
+    states : (M, ndim).
+    inputs : (M,) int, held over the interval.
+    to_go : (M,) int, the steps to go by which they were chosen.
+    now : the time, s, which with jitter is other than t_step.
+    runs : (M,) int, the numbers of the runs.
+    left : (M,) int, the steps to go of the tube that has to hold the state at the interval's end; by default one fewer
+        than `to_go`, at least 0, or, without a target, all that are left.
     """
     if left is None:
         left = np.full(len(to_go), problem.steps - step - 1) if problem.has_no_target else np.maximum(to_go, 1) - 1
@@ -127,23 +133,25 @@ def first_moment(
 
 
 def none(moment: Moment) -> FloatArray:
-    """v = 0."""
+    """The disturbance 0 for each run: (M, D)."""
     return np.zeros_like(moment.previous)
 
 
 def random(moment: Moment) -> FloatArray:
-    """v is drawn uniformly from its box at each sampling time and held over the interval (Sec. 5.5)."""
+    """A disturbance drawn uniformly from its box at each sampling time and held over the interval (Sec. 5.5): (M, D).
+
+    Where the box shrinks within the interval, it is clipped to it.
+    """
     if moment.substep > 0:
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
     return moment.rng.uniform(-moment.bounds, moment.bounds, moment.previous.shape)
 
 
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
-    """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set at states (M, ndim) and time t,
-    and by how much each component of v, set to its bound, changes it.
+    """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set, and how v changes it.
 
-    g is infinite under inputs under which the set is not unsafe. push (M, ndim, D) : by how much each component moves
-    the states, one at a time.
+    g is its value at states (M, ndim) and time t, inf for runs under whose input the set is not unsafe. change_d is by
+    how much g changes where component d of v alone moves the states by push[:, :, d], (M, ndim).
     """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
@@ -154,9 +162,10 @@ def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float
 
 
 def aggressive(moment: Moment) -> FloatArray:
-    """The pursuer of Sec. 6.1: v is the vertex of its box that most reduces the distance to the unsafe sets now.
+    """The pursuer of Sec. 6.1: the vertex of the box of v that most reduces the distance to the unsafe sets now.
 
-    Each component of v reduces the level-set function of the nearest unsafe set that it affects.
+    Each component of v has the sign that reduces the level-set function of the nearest unsafe set that it affects; 0 if
+    it affects none.
     """
     states, sets = moment.states, moment.problem.unsafe
     if not sets:
@@ -171,10 +180,11 @@ def aggressive(moment: Moment) -> FloatArray:
 
 
 def worst(moment: Moment) -> FloatArray:
-    """v is the vertex of its box that, held until the interval's end, is worst for the robot; chosen at every substep.
+    """The vertex of the box of v that, held until the interval's end, is worst for the robot: (M, D); at every substep.
 
     It maximises the larger of the level-set value of the tube to be reached and the negative clearance from the unsafe
-    sets (to first order in v). Ties go to the least clearance; they are common where the values are whole steps.
+    sets (to first order in v). Of equals it is that of the least clearance; they are common where the values are whole
+    steps.
     """
     predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
@@ -191,8 +201,8 @@ def worst(moment: Moment) -> FloatArray:
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
     """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,).
 
-    At states (M, ndim) and time t, of the sets that are unsafe under inputs (M,). +inf past a safe end, where nothing
-    matters any longer.
+    At states (M, ndim) and time t, s, of the sets that are unsafe under each state's input, inputs (M,) int. inf past a
+    safe end, where nothing matters any longer.
     """
     grid = problem.grid
     low, high = grid.faces("fails")
@@ -202,10 +212,10 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, in
 
 
 def greedy(moment: Moment) -> FloatArray:
-    """v is what, held until the interval's end, comes nearest to what must not be touched: a vertex of its box, or 0.
+    """What, held until the interval's end, comes nearest to what must not be touched: a vertex of v's box, or 0.
 
-    It decides five times in an interval, by following each; of equals it takes the first. With 0 it holds a state on a
-    ridge of the game's value, as straight ahead of a car.
+    It decides `TURNS` times in an interval, by simulating each, and keeps the last disturbance, clipped, in between; of
+    equals it takes the first. With 0 it holds a state on a ridge of the game's value, as straight ahead of a car.
     """
     if moment.substep % (SUBSTEPS // TURNS):
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
@@ -224,7 +234,8 @@ def greedy(moment: Moment) -> FloatArray:
 def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> FloatArray:
     """For each state (M, ndim) the input, by index, that comes nearest to what must not be touched: (M,) int.
 
-    Each is held for five intervals from a step on, without a disturbance; so a commander drives who tests the filter.
+    Each input is held for `RECKLESS` intervals from a step on, without a disturbance; of equals the first is taken. So
+    a commander drives who tests the filter.
     """
     count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
     held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
@@ -237,7 +248,10 @@ def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> Float
 
 
 def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
-    """value +- each of D changes of its shape, in all combinations: (2^D, *value.shape), the first all minus."""
+    """value +- each of D changes, which have its shape, in all combinations: (2^D, *value.shape), a new array.
+
+    The first is all minus; the sign of the last change alternates fastest.
+    """
     out = value[None]
     for change in changes:
         out = np.stack([out - change, out + change], axis=1).reshape(-1, *value.shape)
@@ -249,16 +263,38 @@ def at_vertices(value: FloatArray, changes: Iterable[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Sight:
-    """An adversary's view before it chooses the measurement errors of M runs, between -box and box."""
+    """An adversary's view before it chooses the measurement errors of M runs, between -box and box.
 
-    problem: ReachAvoidProblem  # the robot's problem, with the simulated sensing
-    states: FloatArray  # (M, ndim), the current state of each run
-    box: FloatArray  # (ndim,), the bounds on the measurement error
-    step: int  # that the measurement is for
-    starting: FloatArray  # (M, ndim), each state when the next input starts, without a disturbance
-    # of errors (M, ndim): the inputs that the controller would choose, and steps to go, both (M,); -1 for no answer
+    An adversary with a method `mislead` is given one, and returns the errors (M, ndim).
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        The robot's problem, with the sensing that is simulated.
+    states : (M, ndim) array
+        The true state of each run when it is measured.
+    box : (ndim,) array
+        The bounds on the measurement error.
+    step : int
+        k, for which the measurement is, at most N - 1.
+    starting : (M, ndim) array
+        Each state when the next input starts, without a disturbance.
+    ask : callable
+        ask(errors (M, ndim)) returns the inputs, by index, that the controller would choose with these errors, and the
+        steps to go, both (M,) int; -1 for no answer.
+    tube : callable
+        tube(points (M, ndim), left (M,) int) returns level-set values (M,), one step later, of the tube of predictions
+        with so many steps to go.
+    rng : numpy.random.Generator
+        The only source of random numbers.
+    """
+
+    problem: ReachAvoidProblem
+    states: FloatArray
+    box: FloatArray
+    step: int
+    starting: FloatArray
     ask: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-    # of points (M, ndim) and steps to go (M,): level-set values (M,) of the tube of predictions, one step later
     tube: Callable[[FloatArray, FloatArray], FloatArray]
     rng: np.random.Generator
 
@@ -266,7 +302,7 @@ class Sight:
 def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
     """Where states (M, ndim) are after time spans (M,), s, at each vertex of the disturbance box: (2^D, M, ndim).
 
-    To first order: with the velocities at time t under inputs (M,), `seen` giving problem and step.
+    To first order: with the velocities at time t, s, under inputs (M,) int, of the problem and step of `seen`.
     """
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
@@ -274,10 +310,10 @@ def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: floa
 
 
 def mislead_worst(sight: Sight) -> FloatArray:
-    """The measurement errors (M, ndim), each 0 or a vertex of the box, for which the input chosen is worst.
+    """The measurement errors (M, ndim), each 0 or a vertex of the box, for which the controller's input is worst.
 
     Worst is no input at all, or that under which the tube's value at the interval's end, at the worst vertex of the
-    disturbance box, is largest.
+    disturbance box, is largest; of equals the first is taken, 0 before the vertices.
     """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
@@ -296,7 +332,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
 def shift_worst(moment: Moment) -> FloatArray:
     """-1, 0 or 1 for each run, (M,): the end of the interval, early, on time or late, that is worst for the robot.
 
-    There the tube's value, at the worst vertex of the disturbance box, is largest.
+    There the tube's value, at the worst vertex of the disturbance box, is largest; of equals it is the earliest.
     """
     scores = []
     for late in (-1, 0, 1):
@@ -311,15 +347,21 @@ def shift_worst(moment: Moment) -> FloatArray:
 
 @dataclass(frozen=True)
 class BuiltIn:
-    """An adversary that has a name: its three choices. Without `Sensing` it makes the first alone."""
+    """An adversary that has a name, with its three choices; without a `Sensing` only the first is asked.
+
+    name : by which `sdhj.simulate` knows it.
+    push : of a `Moment` the disturbances (M, D).
+    mislead : of a `Sight` the errors of the measurements (M, ndim).
+    shift : of a `Moment`, -1, 0 or 1 for each run, (M,): the next input starts early, on time or late, by the jitter.
+    """
 
     name: str
-    push: Adversary  # the disturbances (M, D)
-    mislead: Callable[[Sight], FloatArray]  # the errors of measurements (M, ndim)
-    shift: Callable[[Moment], FloatArray]  # -1, 0 or 1 (M,): the next input starts early, on time or late
+    push: Adversary
+    mislead: Callable[[Sight], FloatArray]
+    shift: Callable[[Moment], FloatArray]
 
     def __call__(self, moment: Moment) -> FloatArray:
-        """The disturbances of M runs at a moment, (M, D)."""
+        """The disturbances (M, D) of M runs at a moment: those of `push`."""
         return self.push(moment)
 
 

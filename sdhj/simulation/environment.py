@@ -49,6 +49,17 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         third of a cell; if False, every action is applied as it is. With a certified table what it lets pass is proved,
         else it is right up to the error of the grid.
 
+    Attributes
+    ----------
+    controller : Controller
+        Of the table, whose filter is used.
+    now : int
+        The step of the run.
+    outcome : str
+        As in `info`; not "" before the first `reset`.
+    runs : Runs
+        The run, a batch of one; made by `reset`.
+
     Raises
     ------
     ValueError
@@ -71,7 +82,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(self, table: Table, adversary: str | Adversary = "random", *, shield: bool = True) -> None:
-        """Spaces of a table's states, with the step, and of its inputs; no run has begun yet."""
+        """Make the spaces: of the table's states with the step, and of its inputs. No run has begun; call `reset`."""
         self.controller, self.play, self.shield = Controller(table), adversary_of(adversary), shield
         grid = table.grid
         self.low, self.high = np.array([*grid.lower, 0.0]), np.array([*grid.upper, table.steps])
@@ -100,10 +111,10 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), self._info()
 
     def step(self, action: np.int64) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
-        """Simulate one interval with the input of index `action` against the adversary.
+        """Simulate one interval with the input of index `action` against the adversary; after `reset`.
 
-        Returns observation, reward, whether the run terminated, whether it was truncated, and `info`. ValueError if
-        `action` is not an index into problem.inputs, or the run is over.
+        Returns the observation (ndim + 1,), the reward, whether the run terminated, whether it was truncated, and
+        `info`. ValueError if `action` is not an index into problem.inputs, or the run is over.
         """
         if self.outcome:
             raise ValueError("the run is over; call reset()")
@@ -121,7 +132,7 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         return self._observed(), REWARDS[self.outcome], finished and not late, late, info
 
     def _observed(self) -> FloatArray:
-        """The observation: what is known of the state, wrapped and clipped to the grid, and the step."""
+        """The observation (ndim + 1,): what is known of the state, wrapped and clipped to the grid, and the step."""
         state = self.table.grid.wrapped(self.runs.predictions)[0]
         return np.clip([*state, float(self.now)], self.low, self.high)  # off the grid: the nearest point of it
 

@@ -32,12 +32,22 @@ Watch = Callable[[Moment, FloatArray, FloatArray, FloatArray], None]
 def play_interval(
     begun: Moment, play: Adversary, watch: Watch | None, substeps: range = range(SUBSTEPS)
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Simulate M runs over some substeps of an interval: states (M, ndim), outcomes (M,) and the last v (M, D).
+    """Simulate M runs over some substeps of an interval.
 
-    begun : the moment before the first of `substeps`. play : the adversary. watch : is called after each substep, if it
-    is given. An outcome is `COLLIDED`, `OFF`, `REACHED` past a safe end
-    without a target, or `UNDECIDED`; states of decided runs go on meanwhile, and none once all are. ValueError where
-    the adversary exceeds its bounds.
+    Returns the states at the end (M, ndim), outcomes (M,) int and the last disturbances (M, D). An outcome is
+    `COLLIDED`, `OFF`, without a target `REACHED` past a safe end, or `UNDECIDED`; where several apply, the first of
+    these. Runs that are decided are still simulated, and their states change, until all are decided or the substeps are
+    over.
+
+    Collisions are looked for after each substep, of sets that something may pass through in a substep also on the way
+    (`_least_between`); at the start of an interval only of sets that are unsafe under some inputs alone.
+
+    begun : the moment before the first of `substeps`; the adversary is given read-only arrays.
+    play : the adversary.
+    watch : called after each substep, if it is given: see `Watch`.
+    substeps : the numbers of the substeps, a range.
+
+    ValueError where the adversary exceeds its bounds.
     """
     problem, inputs = begun.problem, begun.inputs
     begun = replace(begun, **{name: sealed(value) for name, value in vars(begun).items()})  # adversaries only read
@@ -78,10 +88,11 @@ def play_interval(
 
 
 def _fast_sets(begun: Moment) -> list[UnsafeSet]:
-    """The unsafe sets of a problem that may pass a state between two substeps; of others no bounds need be asked.
+    """The unsafe sets of a problem that may pass a state between two substeps, unseen at both.
 
-    Of these sets g changes in a substep by more than `FAST` of max -g, at states drawn at random, of three intervals,
-    whose coordinates change as fast as any there; or none of the states is in the set.
+    Of these sets g changes in a substep by more than `FAST` of max -g, at `DRAWN` random states (of seed 0) at three
+    intervals, whose coordinates change as fast as any there; or none of the states is in the set. The caller keeps the
+    list with the problem.
     """
     problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
@@ -101,10 +112,10 @@ def _fast_sets(begun: Moment) -> list[UnsafeSet]:
 def _near(
     begun: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, substeps: int, asked: FloatArray | None = None
 ) -> FloatArray:
-    """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool.
+    """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool, new.
 
-    asked (M,) bool : the runs that count; by default those under whose inputs the set is unsafe. False, too,
-    where a black box declares too little for bounds.
+    states : (M, ndim), at time t, s. asked : (M,) bool, the runs that are looked at, others are False; by default those
+        under whose inputs the set is unsafe. False, too, where a black box declares too little for bounds.
     """
     found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
@@ -119,8 +130,8 @@ def _may_meet(
 ) -> FloatArray:
     """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
 
-    During the interval `times`, s. Also True where a box crosses the end of a periodic axis; False, without a bound,
-    where a black box does not declare enough for one.
+    times : the begin and the end of the time in which it may be met, s. Also True where a box crosses the end of a
+        periodic axis; False, without a bound, where a black box does not declare enough for one.
     """
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
@@ -142,10 +153,11 @@ def _least_between(
     h: float,
     halvings: int = HALVINGS,
 ) -> FloatArray:
-    """The least value of g on the straight ways from points (M, ndim) at t to points + moved at t + h: (M,).
+    """The least value of g that is found on the straight ways from points at t to points + moved at t + h: (M,).
 
-    Of the values at the middles of the parts into which bisection cuts a way, where bounds leave open whether the set
-    is met, `halvings` times at most; inf where they do not.
+    points, moved : (M, ndim). t, h : s. Where bounds leave open whether the set is met, g is evaluated at the middle of
+        a way, and then on both halves in the same way, `halvings` times at most, until it is <= 0; inf where nothing
+        was evaluated.
     """
     out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:
@@ -159,7 +171,10 @@ def _least_between(
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """A copy of the disturbance v that an adversary returned, (M, D); ValueError unless |v| <= bounds (M, D)."""
+    """A copy of the disturbance v that an adversary returned, (M, D) float64; ValueError unless |v| <= bounds (M, D).
+
+    Up to rounding, 1e-12 of the bounds; a NaN is refused, too.
+    """
     v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:
         raise ValueError(f"the adversary must return an array of shape {bounds.shape}, got {v.shape}")

@@ -41,15 +41,34 @@ DECIDES = 5  # substeps for which the adversary keeps its decision, at the end o
 
 @dataclass(frozen=True)
 class Played:
-    """Statistics of runs from states drawn uniformly from the tube of all steps; `str()` gives a summary."""
+    """Statistics of runs from states drawn uniformly from the tube of all steps; `str()` gives a summary.
 
-    runs: int  # how many were simulated
-    lost: int  # how many of them did not end as "reached"
+    Attributes
+    ----------
+    runs : int
+        How many were simulated.
+    lost : int
+        How many of them did not end as "reached".
+    adversary : str
+        Its name.
+    ways : mapping of str to int
+        How many runs were lost in each way, the most frequent first; a way names the outcome, and the unsafe set, or
+        the axis whose end was crossed.
+    outside : int
+        How many runs began outside the target, so that anything had to be done; all without a target.
+    outside_lost : int
+        How many of these were lost.
+    advice : str
+        What would reduce the losses, in sentences; "" where no run was lost.
+    """
+
+    runs: int
+    lost: int
     adversary: str
-    ways: Mapping[str, int]  # runs lost in each way, which names the unsafe set or the axis whose end was crossed
-    outside: int  # how many began outside the target, so that anything had to be done; all without a target
-    outside_lost: int  # how many of these were lost
-    advice: str  # what would reduce the losses; empty where no run was lost
+    ways: Mapping[str, int]
+    outside: int
+    outside_lost: int
+    advice: str
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -58,16 +77,16 @@ class Played:
 
     @property
     def alarming(self) -> bool:
-        """Whether, at 95 %, more than `ALARMING` of all runs, or of those from outside the target, is lost."""
+        """Whether, at 95 %, more than `ALARMING` of all runs, or of those from outside the target, are lost."""
         outside = score_interval(self.outside_lost, self.outside) if self.outside else (0.0, 1.0)
         return max(self.interval[0], outside[0]) > ALARMING
 
     def __str__(self) -> str:
-        """How many runs were lost, how, and what would help."""
+        """How many runs were lost, how, and what would help, in sentences."""
         return str(self.finding(""))
 
     def finding(self, opening: str) -> Finding:
-        """The share of the runs that is lost, in a sentence that begins with `opening`, and the advice."""
+        """The finding on the share of runs that is lost: a sentence that begins with `opening`, and the advice."""
         low, high = self.interval
         message = f"{opening}{self.lost} of {self.runs} runs lost to adversary {self.adversary}"
         message += f" ({low:.1%} to {high:.1%})"
@@ -78,46 +97,52 @@ class Played:
 
 
 class Commanded(Controller):
-    """A controller that applies what its filter makes of the inputs that a reckless commander wants (`wanted`)."""
+    """A controller that applies what its filter makes of the inputs that a reckless commander wants (`wanted`).
+
+    It tests the filter of a table, step by step (`_judged_for_ever`).
+    """
 
     def choose(self, batch: Batch, before: FloatArray | None = None) -> FloatArray:
-        """The inputs, by index, that the filter applies for the wanted ones: (M,); `before` does not matter."""
+        """The inputs, by index, that the filter applies for the wanted ones: (M,) int; `before` is ignored."""
         return np.asarray(self.filter(batch.states, batch.step, self.wanted(batch)).inputs)
 
     def wanted(self, batch: Batch) -> FloatArray:
-        """The index of the input that drives at what is unsafe, for each state of a batch: (M,)."""
+        """The input, by index, that drives at what is unsafe, for each state of a batch: (M,) int (`reckless`)."""
         return reckless(self.problem, batch.states, batch.step)
 
 
 class Fleeing(Commanded):
     """A controller that applies what its filter makes of the inputs that keep farthest from the boundary (`wanted`).
 
-    Who flees from the boundary may be driven to where the set closes.
+    Such a commander may be driven to where the set closes.
     """
 
     def wanted(self, batch: Batch) -> FloatArray:
-        """The index of the input of least margin, safe or not, for each state of a batch: (M,)."""
+        """The input, by index, of the least margin, safe or not, for each state of a batch: (M,) int."""
         return batch.margins.argmin(axis=1)
 
 
 def played(
     table: Table, runs: int = 1000, adversary: str | Adversary = "worst", seed: int = 0, steps: int | None = None
 ) -> Played:
-    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help: `Table.played`."""
+    """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help.
+
+    It is `Table.played`, which explains the arguments and errors.
+    """
     return _played(Controller(table), runs, adversary, seed, steps)
 
 
 def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
-    """Simulate so many runs of a controller from states drawn in its tube of step 0, and count which are lost, and how.
+    """Simulate so many runs of a controller from states drawn in its tube of step 0, and count those that are lost.
 
-    The arguments are those of `Table.played`, as are the errors.
+    The arguments and errors are those of `Table.played`; the advice is found only if runs were lost.
     """
     table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
-        """Note, by `_where`, the set that each run first touches, or the axis past whose unsafe end it leaves."""
+        """Note in `places` the set that each run first touches, or the axis past whose unsafe end it leaves."""
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
@@ -142,10 +167,11 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
 
 
 def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
-    """Whether from one of these states (M, ndim) an input leads into the target, whatever the disturbance does.
+    """Whether from any of these states (M, ndim) some input leads into the target at step 1, whatever v is.
 
-    The corners of the box that the input can lead to after an interval are asked, which is necessary, not sufficient.
-    Where none does so from outside the target, nothing can be promised there within one step, so within none.
+    Only the corners of the box that the input can lead to are asked, and only the first states, up to `MOST_CORNERS`
+    numbers: this is necessary for a promise, not sufficient. Where it is False of states outside the target, nothing
+    can be promised there within one step, so within none.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
@@ -156,8 +182,10 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
 
 
 def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
-    """The name of the unsafe set whose function is least at a state (ndim,), time t and u_j, if one was `met`; else of
-    the axis past whose unsafe end the state is farthest.
+    """The name of the unsafe set that a run has met, or of the axis past whose unsafe end it has left.
+
+    state : (ndim,), at time t, s. met : whether it was a set: of those that are unsafe under input j the one whose
+        level-set function is least; else the axis past whose end the state is farthest.
     """
     problem, grid = table.problem, table.grid
     if met:
@@ -169,12 +197,12 @@ def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
 
 
 def _gaps(table: Table) -> str:
-    """Advice where the grid may have filled gaps between pieces of its tubes (`sdhj.solver.gaps`); else empty."""
+    """Advice where the grid may have filled gaps between pieces of the table's tubes (`sdhj.solver.gaps`); else ""."""
     return "" if table.proved else gaps(table.problem, bool(table.details.get("shifted")))
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """A sentence or two on how the losses may be reduced. ways : runs lost in each way, of so many `runs`."""
+    """A sentence or two on how the losses may be reduced; ways : how many of the `runs` were lost in each way."""
     problem, grid, said = table.problem, table.grid, []
     if sum(ways.values()) >= ALARMING * runs and (remedy := _gaps(table)):
         return f'{remedy}; or method="certified", which proves what it promises'
@@ -199,9 +227,10 @@ def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
 
 
 def judged_at_the_end(table: Table) -> dict[str, Any]:
-    """Check a solved table on a grid by simulated runs: warn of an empty tube or broken promises.
+    """Check a solved table on a grid by simulated runs, and warn of an empty tube or broken promises.
 
-    Returns {"played": counts} for its details, {} for a tube that is nearly empty, from which nothing can run.
+    Returns {"played": counts} for its details, a dict of plain values; {} for a tube with less than `NEARLY_EMPTY` of
+    the volume, from which nothing is simulated. How many runs there are follows from the solve's work.
     """
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
@@ -217,7 +246,7 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
     play: Any = ADVERSARIES["worst"]
 
     def worst(moment: Moment) -> FloatArray:  # keeps its decision for some substeps
-        """The worst adversary, which keeps its decision for `DECIDES` substeps."""
+        """The worst adversary, which keeps its decision for `DECIDES` substeps, clipped to its bounds."""
         again = moment.substep % DECIDES == 0
         return play(moment) if again else np.clip(moment.previous, -moment.bounds, moment.bounds)
 
@@ -229,10 +258,11 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
 
 
 def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
-    """Check a table for ever by `runs` simulated runs, a greedy adversary against the controller and the filter.
+    """Check a table that stays clear for ever by `runs` simulated runs, against a greedy adversary.
 
-    Behind the filter, in fewer runs, stands a commander who drives at what must not be touched, and one who flees.
-    Warns of broken promises and returns {"played": counts} for the table's details.
+    First the controller runs; then, in fewer runs each, the filter behind a commander who drives at what must not be
+    touched (`Commanded`), and behind one who flees (`Fleeing`). Warns of broken promises, and returns {"played":
+    counts} for the table's details.
     """
     few = int(np.clip(FILTERED / (2 * len(table.problem.inputs)), 20, runs))
     alone = _played(Controller(table), runs, "greedy", 0, EVER)
@@ -251,7 +281,12 @@ def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
 
 
 def _emptied(table: Table, share: float) -> Finding:
-    """The finding on a tube that holds next to nothing, a `share` of the states: a likely cause, and what helps."""
+    """The finding on a tube that holds next to nothing, a `share` of the state space: a likely cause, and what helps.
+
+    Causes are looked for in this order: projections, inputs that do not stay clear for one interval, errors of a
+    `Sensing` that cost more than inputs change, and inputs that make no progress; at `EMPTIED_STATES` random states (of
+    seed 0), by the avoid tubes of step 0 and `_leads_in`.
+    """
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"
     message += "" if problem.has_no_target else ", no more than the target itself" if share else ""

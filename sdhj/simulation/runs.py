@@ -77,12 +77,16 @@ class Trajectory:
 
     @property
     def samples(self) -> FloatArray:
-        """The states at the sampling times, (K + 1, ndim), or (K, ndim) where a collision ended an interval early."""
+        """The states at the sampling times, (K + 1, ndim), or (K, ndim) where an interval ended early; a view."""
         return self.states[::SUBSTEPS]
 
 
 def score_interval(count: int, runs: int) -> tuple[float, float]:
-    """95% confidence interval of a rate observed as `count` out of `runs` (Wilson's score interval)."""
+    """95% confidence interval of a rate observed as `count` out of `runs` >= 1: Wilson's score interval.
+
+    With p = count / n and z = `Z95`: (p + z^2 / 2n +- z sqrt(p (1 - p) / n + z^2 / 4n^2)) / (1 + z^2 / n), clipped to
+    [0, 1].
+    """
     n, p = runs, count / runs
     centre = (p + Z95**2 / (2 * n)) / (1 + Z95**2 / n)
     half = Z95 / (1 + Z95**2 / n) * np.sqrt(p * (1 - p) / n + Z95**2 / (4 * n**2))
@@ -90,7 +94,7 @@ def score_interval(count: int, runs: int) -> tuple[float, float]:
 
 
 def outcome_name(outcome: str, has_no_target: bool) -> str:
-    """An outcome as people read it: without a target, nothing is reached."""
+    """An outcome as people read it: "reached" becomes "stayed clear" if there is no target."""
     return "stayed clear" if has_no_target and outcome == "reached" else outcome
 
 
@@ -100,18 +104,22 @@ class Report:
 
     Attributes
     ----------
-    runs, adversary, rule, method, seed
-        What was simulated.
+    runs : int
+        How many were simulated.
+    adversary, rule, method : str
+        Their names; `method` is that of the table.
+    seed : int
     counts : mapping of outcome to int
+        How many runs had each outcome; see `Trajectory`.
     starts : (runs, ndim) array
     outcomes : (runs,) int array
-        Indices into `OUTCOMES`; see `Trajectory`.
+        Indices into `OUTCOMES`.
     steps : (runs,) int array
         The number of intervals of each run.
     seconds : float
         Wall-clock time.
     has_no_target : bool
-        Whether there is no target, so that who has "reached" has stayed clear.
+        Whether there is no target, so that a run that has "reached" has stayed clear.
     """
 
     runs: int
@@ -253,7 +261,7 @@ def simulate(
     began: list[float] = []
 
     def watch(moment: Moment, v: FloatArray, states: FloatArray, _: FloatArray) -> None:
-        """Record time, state, disturbance, and at the begin of an interval the input."""
+        """Record time, state and disturbance, and at the begin of an interval also its time, input and steps to go."""
         seen.append((moment.time + moment.duration, states[0], v[0]))
         if moment.substep == 0:
             began.append(moment.time)
@@ -323,7 +331,7 @@ def monte_carlo(
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
 
     def chunk(number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Starts, outcomes and numbers of steps of one chunk of runs."""
+        """Starts, outcomes and numbers of intervals of one chunk of runs; called from several threads."""
         starts = admissible_states(controller, sizes[number], rng := np.random.default_rng(seeds[number]))
         return (starts, *rollouts(controller, starts, play, rng, steps=length, sensing=sensing))
 
@@ -352,8 +360,9 @@ def monte_carlo(
 def play_length(controller: Controller, steps: int | None) -> int | None:
     """The number of steps to simulate with the tubes of step 0; None: the table's steps in order.
 
-    steps : what the user asked for, or None. ValueError if it is given although something depends on time, or no
-    whole number from 1 on.
+    steps : what the user asked for, or None: then `FOREVER_PLAYED` of a table that stays clear for ever, and all of its
+        steps for one that was solved with steps=None and a target. ValueError if it is given although something depends
+        on time, or is no whole number from 1 on.
     """
     table = controller.table
     if steps is None and table.details.get("endless") and not controller.timed:
@@ -364,7 +373,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
 
 
 def named(option: object) -> str:
-    """The name of an option that is a name, a function or an object: its `name`, its `__name__` or its class's."""
+    """The name of an option: a text itself, else its `name`, its `__name__`, or the name of its class."""
     if isinstance(option, str):
         return option
     return str(getattr(option, "name", getattr(option, "__name__", type(option).__name__)))
@@ -377,7 +386,7 @@ def check_controller(given: Any) -> None:
 
 
 def adversary_of(adversary: str | Adversary) -> Adversary:
-    """An adversary by its name, or itself; ValueError for an unknown name."""
+    """The built-in adversary of a name; a callable is returned as it is. ValueError for anything else."""
     if callable(adversary):
         return adversary
     if not isinstance(adversary, str) or adversary not in ADVERSARIES:
@@ -389,7 +398,8 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
     """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
 
-    With sensing those that are admissible however they are measured. ValueError if the tube is nearly empty.
+    They are in no true unsafe set; with a `Sensing` they are admissible however they are measured. ValueError if the
+    tube is so small that `DRAWS` rounds do not find as many.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []

@@ -27,9 +27,33 @@ from sdhj.table.controller import Controller
 class Runs:
     """The closed loop of M robots: their states, outcomes and predictions, an interval at a time.
 
-    It begins where their first inputs start. `outcomes` (M,) are `UNDECIDED` while runs go on, `taken` (M,) counts
-    their intervals, `held` (M,) are their last inputs, `offsets` (M,) -1, 0 or 1: the interval begins early, on time or
-    late.
+    It begins where their first inputs start, at step 0. Then `interval` is called for number 0, 1, ..., last: it ends
+    the runs that are over and simulates one interval of the others. Whoever chooses inputs otherwise (`ReachAvoidEnv`)
+    calls `apply` and then `under_way` in its place. A run is over when its outcome is not `UNDECIDED`; its entries then
+    stay as they are.
+
+    Attributes
+    ----------
+    states : (M, ndim) array
+        The true states when the next interval begins.
+    predictions : (M, ndim) array
+        What the controllers take the states to be then. Without a `Sensing` it is the array `states`.
+    outcomes : (M,) int array
+        Indices into `OUTCOMES`, or `UNDECIDED`. `LATE` is not set here.
+    taken : (M,) int array
+        How many intervals have been simulated.
+    held : (M,) int array
+        The inputs of the last interval, by index; -1 before the first.
+    offsets : (M,) int array
+        -1, 0 or 1: the next interval begins early, on time or late, by the jitter.
+    problem : ReachAvoidProblem
+        The controller's, with the sensing that is simulated.
+    controller, play, rng, watch, ever, controlled
+        As given.
+    mislead, shift : callable
+        The adversary's choices of errors and of times; those of "worst" if it has none.
+    remembers : bool
+        Whether the controllers carry a point on (`Sensing.memory`).
     """
 
     def __init__(
@@ -43,11 +67,17 @@ class Runs:
         ever: bool,
         controlled: bool = True,
     ) -> None:
-        """Runs from starts (M, ndim), which are measured at once, misled as the sensing allows.
+        """Runs from starts (M, ndim), which are copied, and measured at once if there is a `Sensing`.
 
-        play : the adversary. watch : called after each substep. ever : every step uses the tubes of step 0, as nothing
-        depends on time. controlled : the controller chooses all inputs, for the fewest steps; else adversaries play
-        against the tubes of all steps that are left.
+        With jitter the first interval of each run begins early, on time or late at random, but with adversary "none".
+
+        play : the adversary.
+        rng : all random numbers are drawn from it.
+        sensing : what is simulated, which may be other than what the table was solved for.
+        watch : called after each substep, if it is given: see `Watch`.
+        ever : whether every step uses the tubes of step 0, as nothing depends on time.
+        controlled : whether the controller chooses all inputs, for the fewest steps to go; else adversaries play
+            against the tubes of all steps that are left.
         """
         self.controlled, self.ever = controlled, ever
         self.watch = watch
@@ -73,30 +103,38 @@ class Runs:
         box: FloatArray | None = None,
         known: tuple[FloatArray, int] | None = None,
     ) -> FloatArray:
-        """The controller's predictions (M, ndim) at a step from measurements of states (M, ndim), which are misled.
+        """The controllers' predictions (M, ndim) at a step, from measurements of states that the adversary misleads.
 
-        before (M,) : the inputs held until then. box (ndim,) : at a run's start, how far predictions may be off; they
-        are then not made from measurements. known : of a controller that remembers, the points (M, ndim) that it
-        carries and their step. ValueError where the adversary exceeds the errors of the sensing.
+        states : (M, ndim), true.
+
+        before : (M,) int, the inputs held until then.
+        box : (ndim,), only at a run's start: how far predictions may be off. They are then the states with such an
+            error, and made from no measurements.
+        known : of controllers that remember, the points (M, ndim) that they carry and the step of these.
+
+        ValueError where the adversary exceeds the errors of the sensing.
         """
         problem, begun = self.problem, box is not None
         errors = np.zeros(problem.grid.ndim) + np.array(problem.sensing.error) if box is None else box
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
-            """The predictions from measurements that are off by `off` (M, ndim)."""
+            """The predictions (M, ndim) from measurements that are off by `off` (M, ndim)."""
             seen = states + off
             found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
             return table.next_points(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """The inputs (M,) that the controller chooses from measurements off by `off` (M, ndim), and steps to go."""
+            """What the controllers choose from measurements that are off by `off` (M, ndim), as `Sight.ask` says.
+
+            At the last step, where no input is chosen, steps to go stand for the inputs.
+            """
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
             return chosen, np.where(batch.steps_to_go > 0, batch.steps_after + 1, batch.steps_to_go)
 
         def tube(points: FloatArray, left: FloatArray) -> FloatArray:
-            """Values of the next tube with so many steps left at points (M, ndim): (M,)."""
+            """Values (M,) at points (M, ndim) of the next step's tubes, with left (M,) int steps to go."""
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
         starting = states if begun else predicted(problem, states, before, step)
@@ -108,15 +146,16 @@ class Runs:
         return predict(off)
 
     def begins(self, number: int, offset: int) -> float:
-        """When the interval of that number begins, s: t_number + offset * jitter, offset -1, 0 or 1."""
+        """When the interval of that number begins, s: t_number + offset * jitter; offset : -1, 0 or 1."""
         return self.problem.time(number) + offset * self.problem.sensing.jitter
 
     def first_moment(
         self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray
     ) -> Moment:
-        """What the adversary sees of some runs (R,) when their interval begins, at `begin`, s.
+        """What the adversary sees of some runs when their interval begins, at `begin`, s.
 
-        inputs, to_go (R,) : the inputs that are held, and the steps to go by which they were chosen.
+        number : of the interval. rows : (R,) int, the runs. inputs, to_go : (R,) int, the inputs that they hold, and
+            the steps to go by which these were chosen.
         """
         step, table = 0 if self.ever else number, self.controller.table
         every = self.controller.all_left or not self.controlled
@@ -124,9 +163,10 @@ class Runs:
         return first_moment(table, self.problem, self.states[rows], inputs, to_go, step, begin, rows, self.rng, left)
 
     def under_way(self, number: int, last: bool) -> FloatArray:
-        """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns those that go on, (R,).
+        """End, as `REACHED`, the runs that are in the target at sampling time `number`; returns the others, (R,) int.
 
-        With sensing their predictions must be in it too. Without a target all end so when `last`.
+        The true target counts; with a `Sensing` the predictions must have no steps to go, too. Without a target all
+        runs that go on end so if this is the `last` sampling time, and none before.
         """
         problem, alive, step = self.problem, np.flatnonzero(self.outcomes == UNDECIDED), 0 if self.ever else number
         reached = np.full(alive.size, problem.has_no_target and last)
@@ -139,10 +179,11 @@ class Runs:
         return alive[~reached]
 
     def interval(self, number: int, last: bool) -> None:
-        """At sampling time `number` end the runs that are over, and simulate the others for an interval.
+        """End the runs that are over at sampling time `number`, and simulate the others for an interval.
 
-        Those that have reached the target end as `REACHED`, those for which the controller has no input as `LEFT`. last
-        : no interval follows, so who has no target has succeeded.
+        Those that have reached the target end as `REACHED` (`under_way`), those for which the controller has no input
+        as `LEFT`. last : whether no interval follows; then nothing is simulated, and runs of a problem without a target
+        have succeeded.
         """
         alive, step = self.under_way(number, last), 0 if self.ever else number
         if last or not alive.size:
@@ -153,10 +194,10 @@ class Runs:
         self.apply(number, alive[inputs >= 0], inputs[inputs >= 0], batch.steps_to_go[inputs >= 0])
 
     def apply(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray) -> None:
-        """Simulate some runs (R,) for an interval under inputs (R,), chosen with so many steps to go (R,).
+        """Simulate the runs `rows` (R,) for an interval from sampling time `number`, under these inputs (R,) int.
 
-        With sensing the adversary first says when the next inputs start; ValueError where it says anything but -1, 0,
-        1.
+        to_go : (R,) int, the steps to go by which the inputs were chosen. With a `Sensing` the adversary first says
+            when the next inputs start; ValueError where it says anything but -1, 0, 1.
         """
         problem = self.problem
         ends: FloatArray = np.zeros(rows.size, np.int64)
@@ -172,10 +213,13 @@ class Runs:
             self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
     def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
-        """Simulate runs (R,) for an interval under inputs (R,), where it begins for all at one time and ends at one.
+        """Simulate the runs `rows` (R,) for an interval that begins, and ends, for all of them at one time.
 
-        ends : -1, 0 or 1, early, on time or late. With sensing the states are measured one delay before the end, and
-        predictions made for the next input.
+        It begins at their common offset.
+
+        inputs, to_go : (R,) int, as in `apply`. ends : -1, 0 or 1, early, on time or late. Updates states, outcomes,
+            offsets, held and taken of these runs; with a `Sensing` the states are measured one delay before the end,
+            and predictions made for the next input.
         """
         sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)
@@ -210,10 +254,14 @@ def rollouts(
     steps: int | None = None,
     sensing: Sensing | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate one run from each start (M, ndim): outcomes (M,), indices into OUTCOMES, and numbers of intervals (M,).
+    """Simulate one run from each start (M, ndim), to its end or for all steps.
 
-    play : the adversary. watch : called after each substep, if it is given. steps : how many, all by the tubes of step
-    0; None: all steps of the problem in order. sensing : as simulated, by default as the table was solved for.
+    Returns outcomes (M,) int, indices into OUTCOMES, and the numbers of intervals (M,) int. A run whose start is in an
+    unsafe set has collided; one that is not decided after the last step is late.
+
+    play : the adversary. watch : called after each substep, if it is given: see `Watch`. steps : how many, all by the
+        tubes of step 0; None: all steps of the problem in order. sensing : what is simulated; by default what the table
+        was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)

@@ -26,10 +26,18 @@ MARGIN = 6  # nodes beyond what an interval reaches: errors from the wide grid's
 class Danger(NamedTuple):
     """What an avoid game is played against: one unsafe set, or the unsafe ends of one axis.
 
-    axes : the problem's axes on which its tubes depend, ascending.
-    moves : whether the tubes differ from step to step.
-    problem, unsafe_set : a problem and its set; for the ends of an axis they are a wide problem and its only set.
-    inside : index of the subgrid of `axes` in the grid on which the game is played.
+    Attributes
+    ----------
+    axes : tuple of int
+        The axes of the problem's grid on which the avoid tubes depend, ascending.
+    moves : bool
+        Whether the avoid tubes differ from step to step.
+    problem : ReachAvoidProblem
+        On whose grid the game is played: the problem itself, or for the ends of an axis a wide problem on `axes` alone.
+    unsafe_set : UnsafeSet
+        The set of `problem` to be avoided.
+    inside : tuple of slice
+        For each of `axes` where the nodes of the problem's own grid lie in the tubes of the game.
     """
 
     axes: tuple[int, ...]
@@ -40,14 +48,15 @@ class Danger(NamedTuple):
 
 
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """The avoid games of a problem: of each unsafe set, and of the unsafe ends of each axis, in this order. Found once,
-    and kept with the problem.
+    """The avoid games of a problem: of each unsafe set, then of the unsafe ends of each axis that has them.
+
+    Found at the first call and kept with the problem; each call returns a new list. ValueError as of `_ends`.
     """
     return list(problem.remembered("dangers", lambda: _dangers(problem)))
 
 
 def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
-    """Make the list that `dangers` returns."""
+    """Find the avoid games that `dangers` returns, without keeping them."""
     found = []
     for unsafe_set in problem.unsafe:
         axes = problem.avoid_axes(unsafe_set)
@@ -57,11 +66,12 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 
 
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
-    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), by the `games`
-    unless the former solve has them.
+    """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), > 0 in danger.
 
-    inside : the index of its nodes in the tubes that the games return. former : an earlier solve, in which these are
-        kept for the next one, too. Inputs under which the set is not unsafe have -inf.
+    They are taken from the `former` solve if it has them, else solved by `games`; -inf for inputs under which the set
+    is not unsafe. With `former`, they are also appended to what it keeps, so steps must be asked in order.
+    games : those of `danger.problem`. inside : the index of the wanted nodes in the arrays (L, ...) of `games`, without
+        L.
     """
     found = former.tube(danger, step) if former else None
     if found is None:
@@ -73,7 +83,7 @@ def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, 
 
 
 def never_met(unsafe_set: UnsafeSet) -> Finding:
-    """The finding that no node is in danger of an unsafe set; to be told, nothing is checked here."""
+    """The finding that no node is in danger of an unsafe set under any input; the caller has found that none is."""
     return Finding(
         f"no node is ever in danger of the unsafe set {unsafe_set.name!r}, so the table ignores it. ",
         0.0,
@@ -83,11 +93,11 @@ def never_met(unsafe_set: UnsafeSet) -> Finding:
 
 
 def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
-    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) of a wide problem on the axes
-    that its velocity depends on.
+    """The unsafe ends of an axis as a danger: the unsafe set g = min(x - low, high - x) of a wide problem.
 
-    The wide grid goes past both ends by as many nodes as the state crosses in an interval, and `MARGIN` more; there
-    velocities are those at the end. ValueError where it crosses too many cells (`checked_travel`).
+    The wide problem has the axes that the velocity along this axis depends on. Its grid goes past both ends by as many
+    nodes as the state crosses in an interval, and `MARGIN` more; velocities there are those at the end. ValueError
+    where the state crosses too many cells (`checked_travel`).
     """
     slack = SLACK * problem.grid.spacing[axis]  # a state on the end, to rounding, is on the grid
     low, high = (float(face[axis]) for face in problem.grid.faces("fails"))

@@ -29,8 +29,9 @@ PLANE = 2  # axes of a plane
 
 
 def meaning(function: Any) -> Meaning:
-    """A hashable key of what a function computes: equal keys, equal values; a black box has a new key each time,
-    which equals none; () for None.
+    """A hashable key of what a function computes: functions with equal keys have equal values, to the last bit.
+
+    A black box has a new key at each call, which equals no other; None has the key ().
     """
     if function is None:
         return ()
@@ -38,16 +39,16 @@ def meaning(function: Any) -> Meaning:
 
 
 def meaning_of_set(part: Any) -> Meaning:
-    """A hashable key of what an unsafe set or a target is: its axes, sampling, inputs and functions; not its name
-    or its place in the problem.
-    """
+    """A hashable key of an unsafe set or a target: its axes, sampling, inputs and functions, but not its name."""
     how = getattr(part, "sampling", ""), getattr(part, "inputs", None)
     return part.axes, *how, meaning(part.level_set), meaning(getattr(part, "swept", None))
 
 
 def meaning_around(problem: ReachAvoidProblem) -> Meaning:
-    """A hashable key of all that avoid tubes and games of one interval depend on, besides the sets: grid, delta,
-    view_time, sensing, inputs and dynamics.
+    """A hashable key of all that the games of an interval depend on besides the sets.
+
+    That is the grid, delta, view_time, sensing, inputs and dynamics; a black box among these makes the key unlike any
+    other.
     """
     dynamics, sensing = problem.dynamics, tuple(map(str, vars(problem.sensing).items()))
     inputs = problem.inputs.shape, problem.inputs.tobytes()
@@ -55,21 +56,28 @@ def meaning_around(problem: ReachAvoidProblem) -> Meaning:
 
 
 def differing(now: FloatArray, then: FloatArray) -> FloatArray:
-    """In which planes some bit of two arrays (*shape) of one type differs: (*shape[:-2]) bool."""
+    """In which planes of the last two axes any bit of two arrays (*shape) differs: (*shape[:-2]) bool.
+
+    The arrays have one dtype.
+    """
     kind = np.dtype(f"u{now.dtype.itemsize}")
     return np.any(now.view(kind) != then.view(kind), axis=tuple(range(now.ndim)[-PLANE:]))
 
 
 @lru_cache(maxsize=64)
 def _neighbours(nodes: int, periodic: bool, by: int) -> FloatArray:
-    """Whether two nodes of an axis are at most `by` apart: (nodes, nodes) float32, 1 or 0."""
+    """Whether two nodes of an axis are at most `by` apart, around a periodic axis: (nodes, nodes) float32, 1 or 0.
+
+    Cached: the array is shared and must not be written.
+    """
     distance = np.abs(np.subtract.outer(np.arange(nodes), np.arange(nodes)))
     return ((np.minimum(distance, nodes - distance) if periodic else distance) <= by).astype(np.float32)
 
 
 def _near_marked(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArray:
-    """For each plane, whether one of the marked `planes`, (*shape[:-2]) bool, is up to `by` nodes away along an
-    axis.
+    """Which planes are at most `by` nodes, along a grid's `axis`, from a marked one: a new bool array like `planes`.
+
+    planes : (*shape[:-2]) bool, the marked ones; each is near itself. axis : one of the first ndim - 2.
     """
     n, behind = planes.shape[axis], math.prod(planes.shape[axis + 1 :])
     lines = planes.reshape(-1, n, behind).astype(np.float32)
@@ -77,10 +85,10 @@ def _near_marked(grid: Grid, planes: FloatArray, axis: int, by: int) -> FloatArr
 
 
 def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> FloatArray:
-    """The planes whose values depend on a marked one of `planes` (*shape[:-2]) bool after so many stages, each of which
-    reads `order` nodes to each side, along one axis only.
+    """Which planes depend on a marked one of `planes` (*shape[:-2]) bool after some stages of finite differences.
 
-    By symmetry also the planes that marked ones depend on.
+    A stage reads `order` nodes to each side, along one axis at a time. As reading is symmetric, these are also the
+    planes that marked ones depend on. Returns `planes` itself if none or all are marked, else a new array.
     """
     for _ in range(stages if planes.any() else 0):
         if planes.all():
@@ -90,8 +98,9 @@ def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> Fl
 
 
 def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
-    """The planes whose values depend on a marked one of `planes` (*shape[:-2]) bool in a maximum over boxes that
-    reach cells[axis] cells along each axis.
+    """Which planes depend on a marked one of `planes` (*shape[:-2]) bool in a maximum over boxes around each node.
+
+    cells : (ndim,), how many cells a box reaches along each axis; it need not be a whole number.
     """
     for axis in range(planes.ndim):
         planes = _near_marked(grid, planes, axis, nodes_read(cells[axis]))
@@ -100,15 +109,28 @@ def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArra
 
 @dataclass(eq=False)
 class Patch:
-    """The part of one entry (k, n) that is to be solved anew; planes are (*shape[:-2]) bool.
+    """The part of one entry (k, n) that has to be solved anew, where an earlier solve has the rest.
 
-    grid : of the problem.
-    changed : planes in which the tube that the games start from differs from the former one.
-    besides : planes in which the tube with one step less to go, or an avoid tube, differs.
-    former : the former tube and marks.
-    was_still : the former solution of the PDE in the moving frame, where it was kept.
-    rows : planes to be solved anew, as soon as the games know: then the rest is copied.
-    still : the solution of the PDE now.
+    `Former.patch` makes it. The games set `rows`, in `grouped_reach_sets`, before they yield anything; only there are
+    their reach sets right. `copy_rest` then copies the other planes. Arrays of planes are (*shape[:-2]) bool, a plane
+    being the nodes of the last two axes.
+
+    Attributes
+    ----------
+    grid : Grid
+        The problem's.
+    changed : array of planes
+        Where the tube (k + 1, n - 1), from which the games start, differs from the former one.
+    besides : array of planes
+        Where the tube (k, n - 1) or an avoid tube differs in a way that matters to the entry.
+    former : pair of arrays
+        The former tube (*shape) and its marks (bytes, size).
+    was_still : (*shape) array, or None
+        The former solution of the PDE in the moving frame, on the games' grid there; None if it was not kept.
+    rows : array of planes
+        Which planes of the entry are solved anew; set by the games.
+    still : (*shape) array, or None
+        The solution of the PDE in the moving frame now; set by `solve_still`.
     """
 
     grid: Grid
@@ -122,12 +144,16 @@ class Patch:
     def solve_still(
         self, solve: Callable[[Any], FloatArray], grid: Grid, past: Sequence[int], reads: tuple[int, int], cells: Any
     ) -> FloatArray:
-        """The PDE's solution in the moving frame, on a grid that goes past[axis] nodes past the ends: solve(planes)
-        where it may differ from the former one, copied elsewhere; solve(None) where that was not kept.
+        """The PDE's solution in the moving frame: new where it may differ from the former one, copied elsewhere.
 
-        Sets `still` to it, and `rows` to the planes of the entry that may differ.
-        reads : the order and number of stages. cells : how many the disturbance may bring a state, and how many the
-            solution is shifted, at most along each axis.
+        Sets `still` to the solution, and `rows` to the planes of the entry that may differ.
+
+        solve : solve(planes) gives the solution (*grid.shape), which need be right only in these planes of `grid`;
+            solve(None) gives all of it, where no former one was kept.
+        grid : the problem's, extended by past[axis] nodes past both ends of each axis.
+        reads : how many nodes to each side a stage reads, and the number of stages.
+        cells : two arrays (ndim,): how many cells the disturbance may move a state, and how many the solution is
+            shifted, at most.
         """
         lead = self.changed.ndim
         around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
@@ -146,9 +172,7 @@ class Patch:
         return still
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
-        """Copy the planes that are not in `rows` from the former entry: into a tube (*shape) and marks (bytes,
-        size), in place.
-        """
+        """Copy all planes that are not in `rows` from the former entry into a tube (*shape) and marks (bytes, size)."""
         rest = np.flatnonzero(~self.rows)
         for now, then in ((tube[None], self.former[0]), (marks, self.former[1])):
             own, other = (one.reshape(len(now), self.rows.size, -1) for one in (now, then))
@@ -159,24 +183,44 @@ class Patch:
 
 
 class Former:
-    """An earlier table, as the solve of another problem looks at it: nothing is taken from it that could differ. What
-    this solve keeps for the next one is in `each` and `still`.
+    """An earlier table, as the solve of a similar problem looks at it; nothing is copied that could differ.
+
+    `avoid_tubes` and `tube` give avoid tubes, `patch` says what is left to solve of an entry, in the order of
+    `recursion`. What this solve hands to the next one is collected in `each` and `still` on the way.
 
     Parameters
     ----------
     table : LookupTable
-        Of `solve` or `resolve`, in this process.
+        Made by `solve` or `resolve` in this process.
     problem : ReachAvoidProblem
         The one to be solved now.
     method : Method
+        By which it is solved now.
     dangers : sequence of Danger
         The avoid games of the table's problem.
+
+    Attributes
+    ----------
+    kept : Kept
+        What the earlier solve has kept; empty, of method None, if it has kept nothing.
+    alike : bool
+        Whether method, grid, delta, dynamics and all else but target and unsafe sets are equal. If not, nothing is
+        copied.
+    same_target : bool
+        Whether the targets are equal, or both problems have none.
+    has_rows : bool
+        Whether entries of the recursion may be copied: the problems are alike, both have a target or neither has, and
+        the table is not one that stays clear for ever.
+    keys : list of (bool, key)
+        For each danger of the table's problem whether it moves, and its `key`.
+    each : dict
+        By the key of a danger, its avoid tubes (L, *subgrid) of steps 0, 1, ...: for the next solve.
+    still : dict
+        By (step, within), the PDE's solution in the moving frame: for the next solve.
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
-        """Find out what the two problems have in common: whether they are `alike`, have the same target, and
-        whether entries can be taken over (`has_rows`).
-        """
+        """Compare the two problems and set `alike`, `same_target` and `has_rows`; nothing is copied yet."""
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
@@ -199,13 +243,18 @@ class Former:
 
     @staticmethod
     def key(danger: Any) -> Meaning:
-        """A hashable key of all that the avoid tubes of one danger depend on, in problems that are alike."""
+        """A hashable key of all that the avoid tubes of a danger depend on, among problems that are alike."""
         return danger.axes, danger.moves, danger.problem.grid, meaning_of_set(danger.unsafe_set)
 
-    def same(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
-        """The former avoid tubes of all static dangers together, or of all moving ones (`moves`), if the dangers
-        `now` are the same: (often, L, *subgrid) of the first `often` steps; else None. Keeps what was kept of
-        each for the next solve.
+    def avoid_tubes(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
+        """The former avoid tubes of all static dangers united, or of all moving ones, or None: (steps, L, *subgrid).
+
+        A view of the former table's. None if the problems are not alike, if the dangers `now` are not the earlier ones
+        in the same order, or if the former table has fewer steps. Otherwise what was kept of each danger is put into
+        `each`.
+
+        now : the dangers of the problem now, all static or all moving. moves : which of the two. often : the number of
+            steps, 1 for static ones.
         """
         if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
             return None
@@ -217,23 +266,26 @@ class Former:
         return found[:often] if len(found) >= often else None
 
     def tube(self, danger: Any, step: int) -> FloatArray | None:
-        """The former avoid tubes (L, *subgrid) of one danger from a step on, if they were kept and the problems
-        are alike; else None.
+        """The former avoid tubes (L, *subgrid) of one danger over the interval from a step, to be read only; or None.
+
+        None if the problems are not alike, or if the tubes of each danger were not kept.
         """
         found = self.kept.each.get(self.key(danger), ()) if self.alike else ()
         return found[step] if step < len(found) else None
 
     def keep(self, danger: Any, tube: FloatArray) -> None:
-        """Keep the avoid tubes of one danger, those of the next step, for the next solve."""
+        """Append one danger's avoid tubes (L, *subgrid) to `each`, for the next solve; steps have to come in order."""
         self.each.setdefault(self.key(danger), []).append(tube)
 
     # ---- rows of the recursion
 
     def patch(self, table: LookupTable, step: int, within: int) -> Patch | None:
-        """The patch of the entry (step, within) of a table that is being filled in: where it may differ; None where the
-        former solve has no such entry, or was not alike.
+        """What of the entry (step, within) of `table` has to be solved anew, or None for all of it.
 
-        An entry that shares its tube was made when the first that shares it was.
+        The entries (step, within - 1) and (step + 1, within - 1) and the avoid tubes of `table`, which is being filled
+        in, must be there. None if the former table has no such entry, or if no entries may be copied (`has_rows`).
+        Where the former entry shares the tube of one with fewer steps to go, it is compared with what that one was made
+        from.
         """
         was = self.table
         if not self.has_rows or step + within > was.steps:
@@ -246,16 +298,15 @@ class Former:
         changed = self._differs(table, (step + 1, within - 1), made - 1)
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
 
-    def done(self, patch: Patch, step: int, within: int) -> None:
-        """Keep the PDE's solution that the games found for the entry (step, within), if they did, for the next
-        solve.
-        """
+    def keep_still(self, patch: Patch, step: int, within: int) -> None:
+        """Put the PDE's solution in the moving frame, if the games found one for this entry, into `still`."""
         if patch.still is not None:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """The planes in which an entry (k, n) of `table` differs from the entry (k, made) of the former one;
-        found once.
+        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool.
+
+        Found once for each triple.
         """
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
@@ -263,12 +314,11 @@ class Former:
         return self._differing[*entry, made]
 
     def _avoid_differs(self, table: LookupTable, step: int, tube: FloatArray) -> FloatArray:
-        """The planes in which an avoid tube of a step differs from the former one, and that matters to the entry whose
-        former tube (*shape) this is.
+        """In which planes a step's avoid tubes differ from the former ones in a way that matters: (*shape[:-2]) bool.
 
-        The value of an input, max(reach, avoid), is nowhere below the tube that it is united to. So where the avoid
-        tube was and is below that, the reach set alone is the value, as it was. Without a target tubes are intersected,
-        and nothing follows.
+        The value of an input, max(reach, avoid), is nowhere below the former tube (*shape) of the entry, with which it
+        was united. Where an avoid tube was and is below `tube`, the reach set alone is the value, as it was. Without a
+        target tubes are intersected, and every difference matters.
         """
         now, then = table.avoid, self.table.avoid
         if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
@@ -283,8 +333,9 @@ class Former:
         return np.asarray(np.broadcast_to(tells, tube.shape).any(axis=tuple(range(lead, tube.ndim))))
 
     def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
-        """At each node the greater of the values now and then, of the inputs whose functions of some axes, (L,
-        *subgrid) each, differ there; -inf where none does. Broadcasts to the grid.
+        """At each node the greatest value, now or then, of the avoid tubes that differ there in some bit, else -inf.
+
+        now, then : (L, *subgrid) of some axes, of one dtype. The result broadcasts to the grid.
         """
         if now.ctypes.data == then.ctypes.data:  # they were taken over
             return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)

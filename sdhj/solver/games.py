@@ -57,38 +57,54 @@ T = TypeVar("T")
 
 
 class Games(Protocol):
-    """The interface of a method for the recursion: the games of one interval, on the whole grid.
+    """The interface of a method for the recursion: the games of one interval, for each input, on the whole grid.
 
-    With a function `grouped_reach_sets`, as `_OnAxes` has it, reach sets come some inputs at a time, and need not be
-    written out.
+    The calls are independent of each other; what is sampled is kept between them. Games may also have
+
+    * `grouped_reach_sets(values, step)`: reach sets come some inputs at a time, and need not be written out;
+    * `patches` = True: `grouped_reach_sets` takes a `Patch` as third argument;
+    * `operations(axes, step, avoid)`, for the estimate of the cost, as `_OnAxes` has it.
     """
 
     @property
     def dtype(self) -> str:
-        """The type of the values of level-set functions, for example "float32"."""
+        """The dtype of the values of level-set functions, "float32" or "float64"."""
 
     @property
     def solved(self) -> int:
-        """PDEs that have been solved so far."""
+        """How many PDEs have been solved so far; 0 for games by a formula."""
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield for each input j (j, the level-set function (*shape) of the reach set of {values <= 0} over the
-        interval from a step), without the unsafe sets (Definition 2).
+        """Yield (j, Phi_j (*shape)) for each input j in turn: the reach set of {values <= 0} (Definition 2).
+
+        Phi_j is the level-set function, at the begin of the interval from a step, of the states that u_j leads into the
+        set {values <= 0} (*shape) at its end, without regard to the unsafe sets.
         """
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """For each input the level-set function of an unsafe set's avoid tube over the interval from a step: (L,
-        *subgrid of problem.avoid_axes).
+        """For each input the avoid tube of an unsafe set over the interval from a step.
+
+        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
+
+        A level-set function: <= 0 where the input stays clear of the set.
         """
 
 
 class Pieces(NamedTuple):
-    """Level-set functions of the reach sets of inputs from number `first` on, each the minimum of functions on some
-    axes, their pieces.
+    """The reach sets of successive inputs, each the minimum of level-set functions on some axes, its pieces.
 
-    pieces : of each subspace, (inputs, *subgrid).
-    axes : the axes of each subspace.
-    flat : where there are several, all of them one behind the other, and `PAST` numbers more.
+    Attributes
+    ----------
+    first : int
+        The number of the first input.
+    grid : Grid
+    pieces : sequence of (inputs, *subgrid) arrays
+        For each subspace a function for each of the inputs.
+    axes : sequence of tuple of int
+        The axes of each subspace, ascending. One subspace with all axes means that the functions are written out.
+    flat : 1-D array, or None
+        Where there are several subspaces, the array of which the pieces are views, one after the other, with `PAST`
+        numbers more at its end, which `add_inputs` may read.
     """
 
     first: int
@@ -99,12 +115,14 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Number of inputs that these are the reach sets of."""
+        """How many inputs these are the reach sets of."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
-        """The level-set functions of some of the inputs on the whole grid: (inputs, *grid.shape); a view where
-        there is one piece on all axes.
+        """The level-set functions of some of these inputs on the whole grid: (inputs, *grid.shape).
+
+        some : a slice of the rows, counted from the input `first`. A view where there is one piece on all axes, else
+            new.
         """
         if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
             return self.pieces[0][some]
@@ -112,8 +130,9 @@ class Pieces(NamedTuple):
 
 
 def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> FloatArray:
-    """The minimum of functions on subspaces, `pieces` (L, *subgrid) each, back-projected: the union of their sets
-    on the grid, a new array (L, *grid.shape). axes : of each subspace.
+    """The minimum over subspaces of functions that are constant along the other axes: a new array (L, *grid.shape).
+
+    It is the union of their sets. pieces : for each subspace an array (L, *subgrid). axes : the axes of each subspace.
     """
     out = np.empty((len(pieces[0]), *grid.shape), pieces[0].dtype)
     for j, total in enumerate(out):
@@ -127,8 +146,9 @@ def united(grid: Grid, pieces: Sequence[FloatArray], axes: Sequence[Axes]) -> Fl
 
 
 def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Iterator[Pieces]:
-    """Yield reach sets that come one by one, (j, values (*grid.shape)), together with those next to them whose
-    marks share a byte.
+    """Yield reach sets that come one by one, (j, values (*grid.shape)) with ascending j, stacked to `Pieces`.
+
+    Successive inputs whose marks are in one byte, that is with the same j // 8, come together. The values are copied.
     """
     for _, run in groupby(enumerate(reach_sets), key=lambda one: (one[1][0] // EIGHT, one[1][0] - one[0])):
         inputs, values = zip(*(found for _, found in run), strict=True)
@@ -136,11 +156,10 @@ def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Itera
 
 
 def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
-    """By how many nodes the grid of the moving frame goes past both ends of each of some axes: 0 but where the drift
-    meets a bounded end; velocities are constant.
+    """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
-    There as far as the disturbance pushes in an interval, as what lies farther off is like it, or as far as the drift
-    leads if that is less, and `BEYOND` more.
+    It is 0 but for bounded axes with a drift. There it is as far as the disturbance pushes in an interval, or the drift
+    leads if that is less, in nodes rounded up, and `BEYOND` more: what lies farther off is like it.
     """
     grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
@@ -157,10 +176,12 @@ class ObstacleFunction:
     Attributes
     ----------
     axes : tuple of int
+        Of the problem's grid, ascending; those of the set are among them.
     values_over : callable (t0, t1) -> array
-        -g of what the state must not touch at any time in [t0, t1], (*subgrid).
+        max of -g(., t) over all t in [t0, t1], s: > 0 in what the state must not touch then, (*subgrid), read-only.
     instant : bool
-        Whether `values_over` is called for each time step (view_time="instantaneous"), or once for the whole interval.
+        Whether `values_over` is called for each time step of the interval (view_time="instantaneous"), or once for all
+        of it.
     """
 
     axes: Axes
@@ -169,9 +190,10 @@ class ObstacleFunction:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
-        """The obstacle function of an unsafe set of the problem, on `axes`, which include the set's.
+        """The obstacle function of an unsafe set of the problem, on `axes`, ascending, which include those of the set.
 
-        An instantaneous set is swept over each time step, or a fast one could be missed between two of them.
+        With view_time="instantaneous" a moving set is swept over each time step, as a fast one could be missed between
+        two.
         """
         instant = unsafe_set.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
@@ -179,7 +201,7 @@ class ObstacleFunction:
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
-            """-g over [t0, t1] on the subgrid (*shape): a view, in memory on the set's own axes."""
+            """-g over [t0, t1] on the subgrid (*shape): a read-only view, in memory only on the set's own axes."""
             values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
             return np.broadcast_to(grid.lift(values, places), grid.shape)
 
@@ -187,12 +209,31 @@ class ObstacleFunction:
 
 
 class _OnAxes:
-    """Base of the games of a problem's intervals on some axes; other coordinates that enter the velocities are
-    disturbances (App. A.4). A method has `grouped_reach_sets`, `operations` and `each_tube`, or `tubes`; `reach` and
-    `avoid` follow.
+    """Base of games on some axes of a problem; other coordinates that enter the velocities are disturbances (App. A.4).
 
-    counted : by the axes, time steps for each input: what the whole grid asks for, where this is a window of it.
-    wanted : by the axis, where in a window the nodes are that are needed.
+    A subclass has `dtype`, `solved` and `shifted`, and implements `grouped_reach_sets`, `operations`, and either
+    `each_tube` or `tubes`; `reach` and `avoid` follow.
+
+    Attributes
+    ----------
+    patches : bool
+        Whether `grouped_reach_sets` takes a `Patch` into account.
+    problem : ReachAvoidProblem
+    axes : tuple of int
+        Those of the problem's grid on which reach games are played.
+    grid : Grid
+        Their subgrid.
+    counted : mapping from axes to sequence of int
+        Where the grid is a window of a larger one: for games on these axes, the time steps of each input on the whole
+        grid; {} otherwise.
+    wanted : mapping from int to slice
+        By the axis, which nodes of a window are needed; results have these nodes alone. Axes without entry: all.
+    count : int
+        L, the number of inputs.
+    duration, early : float
+        The length of the longest interval, and by how much it may end earlier, s.
+    crossed : float
+        The most cells that the state crosses in an interval, as `operations` has found; 0 before.
     """
 
     dtype: str
@@ -201,7 +242,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        """The games of a problem's intervals, on all axes (None) or on some; counted, wanted: see the class."""
+        """Games on all axes of the problem's grid (None) or on some; counted, wanted : as in the class."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -210,40 +251,48 @@ class _OnAxes:
         self.crossed = 0.0
 
     def wanted_on(self, axes: Axes) -> tuple[slice, ...]:
-        """For each of some axes the slice of the nodes whose values are needed."""
+        """For each of some axes the slice of the nodes whose values are needed, an index for a subgrid."""
         return tuple(self.wanted.get(axis, slice(None)) for axis in axes)
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs for the set {values <= 0} to be in at t_{k+1}, some inputs at a
-        time; with a patch only the planes that it finds, and sets as `patch.rows`, are right.
+        """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
+
+        Successive inputs come in groups, those of one byte of marks together; values (*shape).
+
+        patch : if given, sets `patch.rows` before anything is yielded; then only these planes of the reach sets are
+            right, and nothing is yielded where there are none.
         """
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations (`sdhj.problem.cost`) of all inputs together in the interval from a step, of a reach game, or
-        of an avoid game on these axes.
+        """The operations (`sdhj.problem.cost`) of all inputs in the interval from a step, an estimate.
 
-        Raises `crossed` to how many cells the state crosses in the interval.
+        axes : those on which the game is played. avoid : of an avoid game; else of a reach game. Raises `crossed` to
+            the number of cells that the state crosses in the interval.
         """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j (*shape, or the wanted nodes)) for every input: the level-set function at the begin of
-        the interval from `step`, where `values` is that of the set to be in at its end.
+        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set.
+
+        It is (*shape), the wanted nodes alone.
+
+        Phi_j is at the begin of the interval from `step`, `values` (*shape) those of the set to be in at its end.
         """
         for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
                 yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """Level-set functions of the avoid tubes over the interval from `step`, (L, *subgrid of problem.avoid_axes)."""
+        """The avoid tubes of an unsafe set over the interval from a step: (L, *subgrid of problem.avoid_axes), new."""
         return self.tubes(ObstacleFunction.of(self.problem, unsafe_set, self.problem.avoid_axes(unsafe_set)), step)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes of an obstacle function over the interval from `step`: the maximum of what `each_tube`
-        yields, (L, *subgrid of obstacle.axes), the wanted nodes alone.
+        """The avoid tubes of an obstacle function over the interval from a step: (L, *subgrid of obstacle.axes), new.
+
+        For each input the maximum of what `each_tube` yields; on the wanted nodes alone.
         """
         tubes = self.no_tubes(obstacle)
         for j, tube in self.each_tube(obstacle, step):
@@ -251,22 +300,36 @@ class _OnAxes:
         return tubes
 
     def no_tubes(self, obstacle: ObstacleFunction) -> FloatArray:
-        """A new array of avoid tubes with nothing to avoid: -inf, (L, *subgrid of obstacle.axes), the wanted
-        nodes alone.
+        """A new array for avoid tubes where nothing is to be avoided: filled with -inf.
+
+        It is (L, *subgrid of obstacle.axes), the wanted nodes alone.
         """
         nodes = zip(self.problem.grid.subgrid(obstacle.axes).shape, self.wanted_on(obstacle.axes), strict=True)
         return np.full((self.count, *(len(range(n)[some]) for n, some in nodes)), -np.inf, self.dtype)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, a part of the tube of u_j) over the interval from `step`, on the subgrid of obstacle.axes,
-        the wanted nodes alone: the tube is the maximum of its parts.
+        """Yield (j, part of the avoid tube of u_j) over the interval from a step; the tube is the maximum of its parts.
+
+        A part is on the subgrid of obstacle.axes, wanted nodes alone. Inputs may come in any order, and several times.
         """
         raise NotImplementedError
 
 
 class HJIGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by finite differences: reach sets, in the moving frame where that applies, and
-    avoid tubes, by the Hopf-Lax formula where that does.
+    """Games 1 to 3 of App. A.3 by finite differences, in the moving frame where that applies (`moving_frame`).
+
+    Avoid tubes are computed by the Hopf-Lax formula where it applies (`by_formula`). `_OnAxes` has the attributes; here
+    also
+
+    Attributes
+    ----------
+    scheme : Scheme
+    dtype : str
+        That of the scheme.
+    solved : int
+        PDEs solved so far; one in the moving frame counts once for all inputs.
+    joint : bool
+        Whether the reach sets avoid the unsafe sets already.
     """
 
     joint = False
@@ -274,8 +337,9 @@ class HJIGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        """Games by Hamilton-Jacobi-Isaacs equations that `scheme` discretises, on some axes, by default all;
-        `window` : counted and wanted. ValueError where the drift crosses too many cells in an interval.
+        """Games on all axes or on some; `window` : counted and wanted, as in `_OnAxes`.
+
+        ValueError where, in the moving frame, the drift crosses too many cells in an interval (`checked_travel`).
         """
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
@@ -289,27 +353,29 @@ class HJIGames(_OnAxes):
 
     @property
     def drift(self) -> FloatArray:
-        """The velocity under each input along these axes; (L, axes). Only where it is constant."""
+        """The velocity under each input along the games' axes: (L, axes); only where it is constant."""
         return self.problem.dynamics.arrays[0][:, self.axes]
 
     @property
     def push(self) -> FloatArray:
-        """max |gain_id v_d| = |gain_id| bounds_d; (axes, D). Only where it is constant."""
+        """max |gain_id v_d| = |gain_id| bounds_d along each of the games' axes: (axes, D); only where constant."""
         _, gain, bounds = self.problem.dynamics.arrays
         return np.abs(gain[list(self.axes)]) * bounds
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift: the scheme allows it, velocities are constant, and a wall does no
-        more than end the shift.
+        """Whether the drift can be solved by a shift; computed once.
 
-        False for an axis with a drift if it has an unsafe end and there is no target; or if it has a wall, and a
-        component of v that moves several axes moves it too, and v may there outdo the drift. A wall stops the state,
-        and what comes of the whole interval is what would come without the wall, moved back to it at the end: where the
-        disturbance moves that axis on its own, and where the state never turns back there. Elsewhere a state that has
-        slid along the wall and left it again is displaced otherwise. Without a target, where sets shrink away from
-        unsafe ends step by step, differences are kept: tables for ever were judged with them. On a line they are no
-        better: after 30 steps of a fifth of a cell at 41 nodes 0.067 of it is promised wrongly, 0.057 by shifts.
+        It can if the scheme allows it, velocities are constant, and a wall does no more than end the shift. It cannot
+        for an axis with a drift if this axis has an unsafe end and there is no target; or if it has a wall, a component
+        of v that moves several axes moves it too, and v may outdo the drift there.
+
+        At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the interval.
+        This is right where the disturbance moves the axis on its own, and where the state never turns back from the
+        wall; a state that has slid along the wall and left it again is somewhere else. Without a target, where sets
+        shrink away from unsafe ends step by step, finite differences are kept, because tables for ever have been tested
+        with them. On a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set
+        is promised wrongly by differences and 0.057 by shifts.
         """
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
@@ -323,12 +389,14 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def pushed(self) -> FloatArray:
-        """How far along each axis the disturbance moves a state in an interval, in the axis's unit, if that is a cell
-        or more, else 0: (axes,).
+        """How far the disturbance moves a state along each axis in an interval, if that is a cell or more: (axes,).
 
-        Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps them.
-        Below a cell it reaches no other node, and interpolation alone would wear sets down. 0 also where a component of
-        the disturbance moves several axes, as not all of a box can be reached.
+        It is 0 for less.
+
+        In the axis's unit; computed once. Differences erode narrow maxima, which are gaps between pieces of a tube; the
+        maximum over this box keeps them. Below a cell the box contains no other node, and interpolation alone would
+        wear sets down. All are 0 where a component of the disturbance moves several axes, as not all of a box can be
+        reached.
         """
         far = self.push.sum(axis=1) * self.duration
         return (
@@ -337,17 +405,18 @@ class HJIGames(_OnAxes):
 
     @property
     def shifted(self) -> bool:
-        """Whether reach sets are computed in the moving frame: it applies, and intervals may not end early, as
-        they then have many shifts.
+        """Whether reach sets are computed in the moving frame: `moving_frame`, and intervals may not end early.
+
+        With intervals that may end early there would be many shifts.
         """
         return self.moving_frame and not self.early
 
     @cached_property
     def moving_grid(self) -> tuple[Grid, tuple[int, ...]]:
-        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis.
+        """The grid of the moving frame, and by how many nodes it goes past the ends of each axis; computed once.
 
-        Past an end the values of the end go on. At a wall the state is there, at a safe end it has won, and from an
-        unsafe one it cannot come, which the avoid games see to.
+        Past an end the values at the end continue: at a wall the state stays there, past a safe end it has won, and
+        from an unsafe end it cannot come, which the avoid games see to.
         """
         past = past_ends(self.problem, self.axes)
         return self.grid.continued(past) if any(past) else self.grid, past
@@ -355,10 +424,10 @@ class HJIGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, some at a time: in the moving frame shifts of one PDE's solution, else a
-        PDE for each input, on small grids all at once.
+        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
 
-        With a patch: sets `patch.rows`, solves these planes alone, and yields nothing where there are none.
+        In the moving frame they are shifts of one PDE's solution; else each input has its PDE, on small grids all
+        solved at once.
         """
         wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
@@ -378,8 +447,11 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages the interval from a step has: see
-        `within_stages`. still : the velocities of the PDE in the moving frame, if that is meant.
+        """How many nodes to each side a stage reads, and how many stages the interval from a step has.
+
+        This is for `within_stages`.
+
+        still : the velocities of the PDE in the moving frame, if that PDE is meant; None: those of all inputs.
         """
         if still is None:
             steps = self.steps(self.axes, step)
@@ -389,9 +461,10 @@ class HJIGames(_OnAxes):
         return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, of a reach game or an avoid game on these axes: nodes x time
-        steps x stages, and the calls of kernels; in the moving frame of one PDE and the shifts. See
-        `_OnAxes.operations`.
+        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+
+        They are nodes x time steps x stages, and the calls of kernels; in the moving frame those of one PDE and the
+        shifts.
         """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
@@ -419,11 +492,11 @@ class HJIGames(_OnAxes):
         return self.scheme.reads[1] * (sum(steps) * grid.size + calls * CALL) + more
 
     def _shifts(self, values: FloatArray, step: int, patch: Patch | None = None) -> Iterator[Maxima]:
-        """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), f_j the drift under u_j, where Psi
-        knows the disturbance only.
+        """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), with f_j the drift under u_j.
 
-        Psi is the greater of the solution by differences and of the maximum over the box that the disturbance moves a
-        state in (`pushed`). patch : as for `grouped_reach_sets`.
+        Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
+        over the box that the disturbance moves a state in (`pushed`). values, step, patch : as for
+        `grouped_reach_sets`.
         """
         (grid, past), shift, wanted = self.moving_grid, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
@@ -434,9 +507,7 @@ class HJIGames(_OnAxes):
         far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
-            """Psi (*shape) on some planes, by default all: by differences, and at least the maximum over what the
-            disturbance reaches.
-            """
+            """Psi (*shape), right on some planes or, for None, on all; counted in `solved`."""
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -453,8 +524,10 @@ class HJIGames(_OnAxes):
         yield from maxima(grid, still, shift, shift, SHIFT, wanted)
 
     def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
-        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3: `values` are
-        those at its end; on some planes only, if given.
+        """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3; counted in `solved`.
+
+        values : (*shape) at the interval's end. planes : (*shape[:-2]) bool, in which the solution is needed; others
+            are undefined.
         """
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
@@ -466,11 +539,11 @@ class HJIGames(_OnAxes):
         return evolve(*given, steps=steps, planes=planes)
 
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
-        """All inputs in groups as `evolve_each` takes them, on some axes: each with the time steps that it needs, or
-        all with `steps`.
+        """All inputs in groups as `evolve_each` takes them, for games on some axes; kept for the next call.
 
-        Empty where the grid is so large, or the velocities take so much memory, that inputs are better solved one by
-        one, or where they have to be: where intervals may end early or anything depends on time.
+        A group has the inputs that need the same number of time steps; with `steps`, all are one group with so many. []
+        where inputs have to be solved one by one, as intervals may end early or velocities depend on time; or are
+        better solved so, because the grid is large or the velocities take much memory.
         """
         grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
         if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
@@ -487,31 +560,32 @@ class HJIGames(_OnAxes):
         """Whether the avoid tubes on some axes are computed by the Hopf-Lax formula.
 
         Finite differences erode the maxima of -g, so that unsafe states look safe; the formula does not. It applies in
-        the moving frame, and if each component of the disturbance moves one axis only: for others it would use the
-        bounding box of the velocities, and would not converge. Where the state drifts along bounded axes it takes more
-        pieces of the interval than differences take time steps, and would cost twice as much.
+        the moving frame, if no drift is along a bounded axis and each component of the disturbance moves one axis only:
+        for others it would use the bounding box of the velocities, and would not converge. Where the state drifts along
+        bounded axes it takes more pieces of the interval than differences take time steps, and would cost twice as
+        much.
         """
         along = self.moving_frame and not self.drift[:, ~np.array(self.grid.periodic)].any()
         return along and not self.problem.dynamics.couples(axes)
 
     @cached_property
     def formula(self) -> "HopfLaxGames":
-        """The games of the same problem and axes by the Hopf-Lax formula; where velocities do not depend on the
-        state.
-        """
+        """The games of the same problem and axes by the Hopf-Lax formula, made once; only where these exist."""
         return HopfLaxGames(self.problem, SHIFT, self.dtype, self.axes, wanted=self.wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes over the interval from `step`, (L, *subgrid of obstacle.axes), by the Hopf-Lax formula
-        where it applies (`by_formula`), else by differences.
+        """The avoid tubes over the interval from a step, (L, *subgrid of obstacle.axes), wanted nodes alone.
+
+        By the Hopf-Lax formula where it applies (`by_formula`), else by differences.
         """
         if not self.by_formula(obstacle.axes):
             return super().tubes(obstacle, step)
         return self.formula.tubes(obstacle, step)
 
     def each_tube(self, obstacle: ObstacleFunction, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, the avoid tube of u_j) over the interval from `step`, by differences with -g as obstacle, on
-        the wanted nodes of the subgrid of obstacle.axes.
+        """Yield (j, avoid tube of u_j) for every input, by differences with -g as obstacle; counts PDEs in `solved`.
+
+        The tubes are on the subgrid of obstacle.axes, wanted nodes alone.
         """
         grid, steps = self.problem.grid.subgrid(obstacle.axes), self.steps(obstacle.axes, step)
         at = self.obstacle_at(obstacle, step, steps)
@@ -530,16 +604,16 @@ class HJIGames(_OnAxes):
             yield j, tube[self.wanted_on(obstacle.axes)]
 
     def obstacle_at(self, obstacle: ObstacleFunction, step: int, steps: int) -> Callable[[float], FloatArray]:
-        """The obstacle function (*subgrid) as a function of tau, s, the time left in the interval from `step`,
-        which is solved in `steps` time steps; its values are kept.
+        """The obstacle function as a function of tau, s, the time left in the interval from `step`: tau -> (*subgrid).
+
+        At each tau it is swept over the time step that begins there, of `steps` in the interval; or, where the obstacle
+        is not `instant`, over the whole interval. Values are kept as long as the function.
         """
         t0, t1 = self.problem.span(step)
 
         @cache
         def at(tau: float) -> FloatArray:
-            """-g at tau s before the interval's end, swept over one time step; or, where it is not `instant`,
-            over all of the interval.
-            """
+            """max of -g over the time step that begins tau s before the interval's end; or over the whole interval."""
             if not obstacle.instant:
                 return obstacle.values_over(t0, t1)
             return obstacle.values_over(t1 - tau, min(t1 - tau + self.duration / steps, t1))
@@ -549,11 +623,11 @@ class HJIGames(_OnAxes):
     def velocities(
         self, j: int, axes: Axes, step: int, drift: bool = True
     ) -> Velocities | Callable[[float], Velocities]:
-        """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it: itself or, if it
-        depends on time, as a function of tau. drift : False leaves the drift out.
+        """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it.
 
-        tau is counted back from the interval's end. Up to `KEPT` bytes are kept, of one interval at a time where they
-        depend on time: a row of the recursion asks for the same times once for each number of steps to go.
+        It is a `Velocities` or, if velocities depend on time, a function of tau, counted back from the interval's end.
+        drift : False leaves the drift out. Up to `KEPT` bytes are kept; of what depends on time those of one interval,
+        as a row of the recursion asks for the same times once for each number of steps to go.
         """
         interval = self.problem.interval(step)
         if not self.problem.dynamics.timed:
@@ -564,10 +638,10 @@ class HJIGames(_OnAxes):
         return lambda tau: self._field(j, axes, step, interval.end - tau, drift)
 
     def _field(self, j: int, axes: Axes, step: int, t: float, drift: bool) -> Velocities:
-        """The velocity set of u_j along some axes at time t of the interval from a step, kept with what the kernels
-        read of it as long as there is room. drift : False leaves the drift out.
+        """The velocity set of u_j along some axes at time t, s, of the interval from a step; kept while there is room.
 
-        ValueError if it changes so fast within the interval that at t the time steps are too long.
+        drift : False leaves the drift out. ValueError if velocities change so fast within the interval that the time
+            steps, which `steps` counts, are too long at t.
         """
         if (key := (j, axes, drift, t)) not in self._fields:
             field = self.problem.interval(step).velocities(j, axes, t, drift=drift)
@@ -581,9 +655,12 @@ class HJIGames(_OnAxes):
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:
-        """Number of time steps of the interval from a step that is enough for every input, on some axes, at least
-        1: from `counted` where that has them, else by the CFL condition, at `INSTANTS` where velocities depend on
-        time.
+        """How many time steps of the interval from a step are enough for every input, at least 1.
+
+        axes : those on which the game is played.
+
+        It is the most that `counted` has for these axes; else what the CFL condition asks for, looked at `INSTANTS`
+        where velocities depend on time.
         """
         if axes in self.counted:
             return max(1, *self.counted[axes])
@@ -601,23 +678,26 @@ class HJIGames(_OnAxes):
 
 
 class JointGames(HJIGames):
-    """The reach-avoid game of Prop. 1 in one PDE on the whole grid: its reach sets avoid all unsafe sets already."""
+    """The reach-avoid game of Prop. 1 in one PDE for each input: its reach sets avoid all unsafe sets already.
+
+    They do not avoid the unsafe ends of axes. The attributes are those of `HJIGames`.
+    """
 
     joint = True
     patches = False
 
     @property
     def shifted(self) -> bool:
-        """Whether the moving frame is used: where `HJIGames` uses it, but never with unsafe sets, which would
-        move with each input.
-        """
+        """Whether the moving frame is used: as for `HJIGames`, but never with unsafe sets, which would move in it."""
         return super().shifted and not self.problem.unsafe
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time: of each a PDE
-        with -g of the unsafe sets that count under it as obstacle. patch : not heeded.
+        """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
+
+        For each input a PDE is solved, with -g of the unsafe sets that count under it as obstacle. patch : ignored; all
+        planes are solved.
         """
         problem, grid = self.problem, self.grid
         if self.shifted:
@@ -629,14 +709,14 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """-g of the union of the unsafe sets with these numbers at tau: the maximum, on the whole grid (*shape)."""
+            """The maximum of -g, at tau s left, over the unsafe sets with these numbers: (*shape), kept."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
-            """Yield (j, level-set function of the reach-avoid set) for every input."""
+            """Yield (j, level-set function (*shape) of the reach-avoid set) for every input."""
             for j in range(self.count):
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
@@ -650,11 +730,20 @@ class JointGames(HJIGames):
 
 
 class HopfLaxGames(_OnAxes):
-    """Games 1 to 3 of App. A.3 by the Hopf-Lax formula, exact up to interpolation.
+    """Games 1 to 3 of App. A.3 by the Hopf-Lax formula (`sdhj.solver.hopf_lax`), exact up to interpolation.
 
-    The velocity set must not depend on the state. What moves several axes moves the state along a segment
-    (`sdhj.solver.hopf_lax`); where `Interval.segments` has none, the bounding box of the velocities is used, which is
+    The velocity set must not depend on the state. A component of v that moves several axes moves the state along a
+    segment; where `Interval.segments` has none for it, the bounding box of the velocities is used, which is
     conservative.
+
+    `_OnAxes` has the attributes; here also
+
+    Attributes
+    ----------
+    interpolation : {"limited", "linear"}
+    dtype : {"float32", "float64"}
+    cells : (ndim,) array
+        How many cells the state crosses along each axis of the problem's grid in an interval, at most.
     """
 
     solved = 0  # a formula in place of PDEs
@@ -663,8 +752,10 @@ class HopfLaxGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        """Games by the Hopf-Lax formula; `window` : counted and wanted. ValueError where velocities depend on the
-        state, cross too many cells in an interval, or change too fast within one.
+        """Games on all axes or on some; `window` : counted, which is not used, and wanted, as in `_OnAxes`.
+
+        ValueError where velocities depend on the state, cross too many cells in an interval, or change too fast within
+        one.
         """
         super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
@@ -684,7 +775,11 @@ class HopfLaxGames(_OnAxes):
         self._about: tuple[Interval | None, dict[Any, Any]] = None, {}
 
     def _once(self, interval: Interval, key: Any, find: Callable[[], T]) -> T:
-        """The value of `find()`, kept while the interval is the same: for all steps, if velocities are not timed."""
+        """The value of `find()`, computed once for each `key` and kept until another interval is asked for.
+
+        Where velocities do not depend on time all steps have one interval. key : hashable, what the value depends on
+        besides the interval.
+        """
         if self._about[0] is not interval:
             self._about = interval, {}
         if key not in self._about[1]:
@@ -694,17 +789,19 @@ class HopfLaxGames(_OnAxes):
 
     @property
     def reads(self) -> FloatArray:
-        """How many cells along each axis values are read at most: (ndim,). Each segment interpolates by itself
-        and reads two nodes on.
+        """How many cells along each axis of the problem's grid values are read at most: (ndim,).
+
+        Each segment of the disturbance interpolates on its own, and so reads two nodes more.
         """
         return self.cells + 2 * self.problem.interval(0).segments(self.axes).shape[1]
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, some at a time: maxima of `values` over what each input leads to in
-        the interval from a step; over the hull of all its ends where it may end early. patch : sets its `rows`;
-        nothing is yielded where there are none.
+        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
+
+        They are maxima of `values` over the set that each input leads to at the end of the interval from a step; or,
+        where it may end early, over a hull of all its ends.
         """
         if patch:
             patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
@@ -721,8 +818,10 @@ class HopfLaxGames(_OnAxes):
             yield from maxima_over_sets(self.grid, values, path[0], self.interpolation, wanted)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes over the interval from `step`, (L, *subgrid of obstacle.axes): the maximum of -g over
-        what the state may reach in each piece of it.
+        """The avoid tubes over the interval from a step: (L, *subgrid of obstacle.axes), wanted nodes alone, new.
+
+        For each input the maximum of -g over all that the state may reach in the interval, one piece of it after
+        another.
         """
         tubes = self.no_tubes(obstacle)
         for some in self._tube_maxima(obstacle, step):
@@ -730,8 +829,9 @@ class HopfLaxGames(_OnAxes):
         return tubes
 
     def _tube_maxima(self, obstacle: ObstacleFunction, step: int) -> Iterator[Maxima]:
-        """Yield, for each piece of the interval from `step`, the maxima of -g over the box and segments that hold
-        all states of the piece, some inputs at a time; tells the meter of each piece.
+        """Yield, for each piece of the interval from a step, the maxima of -g over all that the state may reach in it.
+
+        They come some inputs at a time, over a box and segments for each input. Tells the meter of each piece (`tick`).
         """
         problem, axes, wanted = self.problem, list(obstacle.axes), self.wanted_on(obstacle.axes)
         grid, pieces, interval = problem.grid.subgrid(axes), self.pieces(axes), problem.interval(step)
@@ -746,12 +846,15 @@ class HopfLaxGames(_OnAxes):
     def _displacement_sets_in_piece(
         self, interval: Interval, axes: list[int], piece: int, pieces: int
     ) -> tuple[Moved, float]:
-        """A box and segments for each input that hold the displacements, along some axes, at all times of piece
-        number `piece` of `pieces` of the interval; and the cost of maxima over them.
+        """For each input a box and segments that hold all its displacements in one piece of an interval, and a cost.
+
+        The cost is that of maxima over all of them, for the meter. Both are kept (`_once`).
+
+        piece : the number of the piece, of `pieces` equal ones. axes : along which.
         """
 
         def find() -> tuple[Moved, float]:
-            """The same, not kept."""
+            """Compute the sets and the cost."""
             ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
             moved = self._displacement_sets(interval, axes, ends.tolist())
             return moved, _operations(self.problem.grid.subgrid(axes), moved) + A_PIECE
@@ -759,8 +862,11 @@ class HopfLaxGames(_OnAxes):
         return self._once(interval, (*axes, piece, pieces), find)
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """A box and segments for each input that hold the displacements, along some axes, at the times `ends` of
-        an interval, s from its begin, ascending.
+        """For each input a box and segments that hold its displacements at all of some times.
+
+        ends : the times, s from the interval's begin.
+
+        axes : along which. ends : ascending.
         """
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
@@ -771,8 +877,9 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, of a reach game or an avoid game on these axes, estimated from
-        `PIECES_COUNTED` pieces of the interval. See `_OnAxes.operations`; sets `crossed`.
+        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+
+        Estimated from `PIECES_COUNTED` pieces of the interval; `crossed` is set here, not raised.
         """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)
@@ -783,13 +890,14 @@ class HopfLaxGames(_OnAxes):
         return pieces * float(np.mean(each))
 
     def pieces(self, axes: list[int], share: float = 1.0) -> int:
-        """Into how many pieces a share of the interval is cut so that in each the state moves at most a quarter
-        of a cell along any of some axes; at least 1.
+        """Into how many pieces a share, 0 to 1, of the interval is cut, at least 1.
+
+        So many that in each the state moves at most a quarter of a cell along any of `axes`.
         """
         return max(1, int(np.ceil(self.cells[axes].max() * 4 * share)))
 
 
 def _operations(grid: Grid, moved: Moved) -> float:
-    """The operations (`sdhj.problem.cost`) of maxima over the boxes and segments of all inputs."""
+    """The operations (`sdhj.problem.cost`) of taking maxima on `grid` over the boxes and segments of all inputs."""
     each = [crossings(half / grid.spacing) * grid.spacing for first, _ in moved.runs() for half in moved.halves[first]]
     return operations(grid, moved.low, moved.high) + sum(operations(grid, points, points) for points in each)

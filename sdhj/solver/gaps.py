@@ -30,8 +30,11 @@ RARE = 0.1  # of the states in the middle of the target, or of the gaps: fewer m
 
 
 class _Gaps(NamedTuple):
-    """The least by which the disturbance pushes along an axis in an interval, and how wide the gaps along it are,
-    both in the axis's unit; inf if there are none.
+    """The gaps between pieces of a tube along one axis, the worst of those that were looked at.
+
+    push : how far the disturbance pushes along the axis in an interval, at least, in the axis's unit; inf if there is
+        no gap.
+    width : how wide the gaps are, in the axis's unit; inf if there is none.
     """
 
     push: float
@@ -39,9 +42,12 @@ class _Gaps(NamedTuple):
 
 
 def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
-    """Advice, sentences, where tubes may be separate pieces and the grid is too coarse to keep them apart; else "".
+    """Advice in sentences, if tubes may be separate pieces that the grid does not keep apart; else "".
 
-    shifted : whether reach sets are computed by a shift or a formula, and not by differences.
+    The target is looked at, at the first, the middle and the last step if it moves, from random states (of seed 0). ""
+    also without a target, and where its axes have more than `LARGEST` nodes.
+
+    shifted : whether reach sets are computed by a shift or a formula; by differences more nodes are needed (`ENOUGH`).
     """
     grid, axes = problem.grid, list(problem.target.axes)
     if problem.has_no_target or grid.subgrid(axes).size > LARGEST:
@@ -78,10 +84,12 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 
 
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
-    """The gaps at a step along the axes that inputs move the target along, by the axis; empty if none leads past it.
+    """The gaps at a step along the axes that inputs move the target along, by the axis; {} if tubes are one piece.
 
-    From random states in the middle of the target, for neighbouring displacements of the inputs: how far apart they
-    are, beyond what the target reaches between them, the disturbance's push taken off.
+    They are found from random states in the middle of the target, for neighbouring displacements of the inputs: how far
+    these are apart, less what the target reaches between them and what the disturbance pushes. Of an axis the least
+    push and a small width (the quantile `RARE`) are given; inf where inputs move along it without a gap. {} also where
+    gaps are found at less than a share `RARE` of the states, or the target has no node.
     """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
@@ -116,10 +124,11 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
 
 
 def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pairs of neighbours among moves (M, K, axes), at most `MOST_PAIRS` drawn at random: the rows (pairs,), and the
-    places in K of the two of a pair, ascending, (pairs,) each.
+    """Pairs of neighbours among K moves of each of M states, moves (M, K, axes); at most `MOST_PAIRS`, drawn at random.
 
-    Two are neighbours if no third is nearer to both than they are to each other (Toussaint 1980).
+    Returns the rows of moves, and the places among the K of the first and the second of a pair, first < second:
+    (pairs,) int each. Two moves are neighbours if they differ and no third is nearer to both than they are to each
+    other (the relative neighbourhood graph, Toussaint 1980).
     """
     distances = np.sqrt(((moves[:, :, None] - moves[:, None]) ** 2).sum(axis=3))
     far = np.triu(distances > 0)
@@ -131,8 +140,9 @@ def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, Flo
 
 
 def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
-    """States (M, axes) at the nodes of the grid `some` of the target's axes that are in the target at time t and
-    as deep in it as all their neighbours.
+    """The nodes in the target at time t that are as deep in it as all their neighbours: states (M, axes), M may be 0.
+
+    some : the subgrid of the target's axes.
     """
     values = problem.target.level_set(some.points(), t).reshape(some.shape)
     deepest = values
@@ -143,8 +153,10 @@ def _middle(problem: ReachAvoidProblem, some: Grid, t: float) -> FloatArray:
 
 
 def _share_inside(problem: ReachAvoidProblem, centres: FloatArray, e: FloatArray, t: float) -> FloatArray:
-    """How far the target at time t goes on from states `centres` (M, axes) in it along e (M, axes), as a share of
-    e, at most 1: (M,). By `PARTS` points of the way, linear between them.
+    """How far the target at time t continues from states in it along e, as a share of e, 0 to 1: (M,).
+
+    centres, e : (M, axes) on the target's axes, in their units. The level-set function is evaluated at `PARTS` points
+        of the way, and taken to be linear between them.
     """
     grid, shares = problem.grid.subgrid(problem.target.axes), np.arange(PARTS + 1) / PARTS
     points = centres[:, None] + shares[:, None] * e[:, None]

@@ -42,9 +42,10 @@ from sdhj.problem.grid import Grid
 
 
 class Moved(NamedTuple):
-    """Where each input leads to: the sum of a box and of the segments from -half to half, relative to the state.
+    """The displacements to which each of L inputs leads: the sum of a box and of K segments from -half to half.
 
-    low, high (L, ndim), the corners of the box; halves (L, K, ndim)
+    low, high : (L, ndim), the lower and upper corner of the box, relative to the state, in the axes' units.
+    halves : (L, K, ndim), the halves of the segments.
     """
 
     low: FloatArray
@@ -52,7 +53,7 @@ class Moved(NamedTuple):
     halves: FloatArray
 
     def runs(self) -> list[tuple[int, int]]:
-        """(first, end) of each run of successive inputs that have the same segments."""
+        """(first, end) of each run of successive inputs that have equal segments; they cover all inputs."""
         ends = np.cumsum([len(list(run)) for _, run in groupby(self.halves, key=lambda one: one.tobytes())]).tolist()
         return list(zip([0, *ends], ends, strict=False))
 
@@ -60,8 +61,10 @@ class Moved(NamedTuple):
 def maxima_over_sets(
     grid: Grid, values: FloatArray, moved: Moved, interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[Maxima]:
-    """Yield the maxima of `values` (*shape) over x + what each input leads to (`moved`), some inputs at a time,
-    in their order; interpolation and wanted as for `sdhj.problem.boxes.maxima`.
+    """Yield the maxima of `values` (*shape) over x + the set `moved` of each input, successive inputs at a time.
+
+    First over the segments, then over the box, as the module says. interpolation, wanted : as for
+    `sdhj.problem.boxes.maxima`.
     """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
@@ -76,10 +79,11 @@ def maxima_over_sets(
 def maximum_over_paths(
     grid: Grid, values: FloatArray, path: list[Moved], interpolation: str, wanted: Nodes | None = None
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (j, max of `values` (*shape) over x + all sets of a path) for every input j, (*wanted nodes).
+    """Yield (j, max of `values` (*shape) over x + all sets of a path) for every input j, at the wanted nodes.
 
-    path : what the inputs lead to at successive times, two at least, the longest segments first. Between two of them
-        corners of boxes move on straight lines, within the smallest box that contains both.
+    path : the sets that the inputs lead to at successive times, at least two, the longest segments first. Between two
+        of them the corners of boxes are taken to move on straight lines, inside the smallest box that contains both.
+        interpolation, wanted : as for `sdhj.problem.boxes.maxima`. All are computed before the first is yielded.
     """
     found: dict[int, FloatArray] = {}
     for one, other in pairwise(path):

@@ -26,7 +26,7 @@ class Method(Protocol):
         """The name by which tables and files call it."""
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
-        """The empty sets of a problem, which `recursion` fills in; progress: as for `solve`."""
+        """The sets of a problem, with which `recursion` fills in the table. progress : as for `sdhj.solve`."""
 
 
 @dataclass(frozen=True)
@@ -70,20 +70,21 @@ class HJI(Options):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options by name, plain values, those of the scheme among them: for a table's details."""
+        """All options as plain values by name, those of the scheme among them; a table's details have them."""
         return {"games": self.games} | vars(self.scheme)
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HJIGames:
-        """The games of one interval of a problem, on some axes, by default all.
+        """The games of the intervals of a problem, on some axes, by default all; `JointGames` if games="joint".
 
-        On a window of a grid: `counted`, by the axes, time steps of each input on the whole grid, and `wanted`, by the
-        axis, the nodes whose values are needed.
+        window : the keywords `counted` and `wanted` of `sdhj.solver.games`, for a problem on a window of a larger grid.
         """
         return (JointGames if self.games == "joint" else HJIGames)(problem, self.scheme, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled by `recursion`. Checks memory, states the cost and
-        solves the avoid games; former : an earlier solve, of which what cannot differ is copied.
+        """The tubes as level-set functions on the grid, to be filled in by `recursion`.
+
+        Checks memory, states the cost and solves the avoid games. former : an earlier solve, from which all that cannot
+        differ is copied. MemoryError where it does not fit; ValueError where the method does not fit the problem.
         """
         return GridSets(problem, self, former)
 
@@ -130,18 +131,21 @@ class HopfLax(Options):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options by name, plain values: for a table's details."""
+        """All options as plain values by name; a table's details have them."""
         return {"interpolation": self.interpolation, "dtype": self.dtype}
 
     def on(self, problem: ReachAvoidProblem, axes: Sequence[int] | None = None, **window: Any) -> HopfLaxGames:
-        """The games of one interval of a problem by the Hopf-Lax formula, on some axes, by default all; `window` as for
-        `HJI.on`, where `counted` is not used, as a formula has no time steps.
+        """The games of the intervals of a problem by the Hopf-Lax formula, on some axes, by default all.
+
+        window : as for `HJI.on`; `counted` is not used, as a formula has no time steps.
         """
         return HopfLaxGames(problem, self.interpolation, self.dtype, axes, **window)
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
-        """The tubes as level-set functions on the grid, to be filled by `recursion`; see `HJI.sets`. Warns where v does
-        not enter linearly and moves several axes, as its velocities are then replaced by a box.
+        """The tubes as level-set functions on the grid, to be filled in by `recursion`; otherwise as `HJI.sets`.
+
+        Warns where v does not enter linearly and moves several axes, as the velocities are then replaced by a box
+        around them.
         """
         if problem.dynamics.is_cut:
             pieces = problem.dynamics.pieces

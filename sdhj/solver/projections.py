@@ -47,8 +47,7 @@ GROWN = "these subspaces are too conservative here"
 
 
 def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
-    """The subspaces, axes that are kept, each of which drops one axis that no input drives; if there is no such axis,
-    any one axis.
+    """The subspaces, each the axes that it keeps: each drops one axis that no input drives, or else any one axis.
 
     Axes that the inputs drive are kept, because without them nothing can be steered to the target. In the case studies
     py or px is dropped: the paper's two subspaces. ValueError where the grid has one axis.
@@ -62,8 +61,9 @@ def default_subspaces(problem: ReachAvoidProblem) -> tuple[Axes, ...]:
 
 
 def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
-    """Whether the choice of the input changes the drift along each axis, (ndim,) bool; all True where it is a
-    black box.
+    """Whether the choice of the input changes the drift along each axis: (ndim,) bool.
+
+    All are True if the drift is a black box.
     """
     drift, count = problem.dynamics.drift, len(problem.inputs)
     if isinstance(drift, BlackBox):
@@ -73,12 +73,13 @@ def driven_axes(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[int]] | None) -> tuple[Axes, ...]:
-    """The subspaces as tuples of ascending axes; None: the `default_subspaces`.
+    """The subspaces as tuples of ascending axes, in the given order; None gives the `default_subspaces`.
 
     Raises
     ------
     ValueError
-        If a subspace does not consist of distinct axes of the grid, or occurs twice.
+        If there is none, if one does not consist of distinct axes of the grid or occurs twice, or, for None, if the
+        grid has one axis.
     """
     if subspaces is None:
         return default_subspaces(problem)
@@ -93,26 +94,37 @@ def checked_subspaces(problem: ReachAvoidProblem, subspaces: Sequence[Sequence[i
 
 
 class ProjectedGames:
-    """Games 2 and 3 on a collection of subspaces, back-projected and united: inside the true ones.
+    """Games 2 and 3 on several subspaces, back-projected and united: the results are inside the true ones.
 
-    problem, subspaces : the axes that each keeps. inner(axes) makes the games of one. `free` has, of each unsafe set
-        that was projected, the largest share of a subspace that its projection leaves free.
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    inner : callable (axes) -> HJIGames or HopfLaxGames
+        Makes the games on a subspace; called once for each.
+    subspaces : tuple of tuple of int
+        The axes that each subspace keeps, ascending.
+    free : dict
+        For each unsafe set that had to be projected, by its position in problem.unsafe, the largest share of a
+        subspace, 0 to 1, that is outside its outer projection. `avoid` fills it in.
+    crossed : float
+        The most cells that the state crosses in an interval, as `operations` has found.
+    dtype : str
     """
 
     def __init__(
         self, problem: ReachAvoidProblem, inner: Callable[[Axes], HJIGames | HopfLaxGames], subspaces: tuple[Axes, ...]
     ) -> None:
-        """Games of a problem on subspaces, axes that are kept, each played by `inner(axes)`."""
+        """Games of a problem on subspaces; those of the first subspace are made at once, for their dtype."""
         self.problem, self.inner, self.subspaces = problem, inner, subspaces
         self._games: dict[Axes, HJIGames | HopfLaxGames] = {}
-        # by place in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
+        # by position in problem.unsafe: the largest share of a subspace that the set's outer projection leaves free
         self.free: dict[int, float] = {}
         self.crossed = 0.0
         self.dtype = self.on(subspaces[0]).dtype
 
     @property
     def solved(self) -> int:
-        """Number of PDEs solved so far, on all subspaces."""
+        """PDEs solved so far, on all subspaces together."""
         return sum(games.solved for games in self._games.values())
 
     @property
@@ -121,15 +133,13 @@ class ProjectedGames:
         return all(self.on(axes).shifted for axes in self.subspaces)
 
     def on(self, axes: Axes) -> HJIGames | HopfLaxGames:
-        """The games on the subspace of some axes; made once."""
+        """The games on the subspace of some axes, made at the first call and kept."""
         if axes not in self._games:
             self._games[axes] = self.inner(axes)
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs together, on all subspaces, of a reach game or an avoid game on these
-        axes. See `_OnAxes.operations`; raises `crossed`.
-        """
+        """The operations of all inputs, on all subspaces, of a reach or an avoid game: `_OnAxes.operations`."""
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
@@ -141,8 +151,9 @@ class ProjectedGames:
         return found
 
     def inner_projection(self, values: FloatArray, axes: Axes) -> FloatArray:
-        """s_p(x) = max over the dropped coordinates of s(x, w), values (*shape) on the whole grid, at the nodes
-        of the subgrid of `axes`.
+        """s_p(x) = max over the dropped coordinates w of s(x, w), at the nodes of the subgrid of `axes`.
+
+        values : s (*shape) on the whole grid. With all axes kept it is `values` itself.
         """
         for axis in reversed([axis for axis in range(self.problem.grid.ndim) if axis not in axes]):
             before, after = values.shape[:axis], values.shape[axis + 1 :]
@@ -154,8 +165,9 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Yield the reach sets of all inputs at once, as pieces on the subspaces: their union is inside the true
-        reach sets.
+        """Yield the reach sets of all inputs once, in one group, as pieces on the subspaces.
+
+        Their union is inside the true reach sets.
         """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
@@ -172,15 +184,17 @@ class ProjectedGames:
         yield Pieces(0, grid, pieces, self.subspaces, flat)
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j (*shape)) for every input, on the whole grid, inside the true reach set."""
+        """Yield (j, Phi_j (*shape)) for every input in turn, on the whole grid: inside the true reach set."""
         for some in self.grouped_reach_sets(values, step):
             yield from enumerate(some.of())
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
-        """Avoid tubes over the interval from `step`, inside the true ones, (L, *subgrid of problem.avoid_axes).
+        """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
 
-        What one subspace keeps all of is solved on its own axes; else the tubes of the outer projections are united,
-        and it is noted in `free` how much these leave free.
+        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
+
+        If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
+        the tubes of the outer projections are united, and `free` says how much of the subspaces these leave free.
         """
         problem = self.problem
         axes = problem.avoid_axes(unsafe_set)
@@ -191,7 +205,7 @@ class ProjectedGames:
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """The outer projection of -g over [t0, t1] to the axes `keep`; sampled once for all subspaces."""
+            """The outer projection of -g over [t0, t1] to the axes `keep`; computed once, and kept."""
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -208,15 +222,17 @@ class ProjectedGames:
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """The axes of each subspace among some axes; left out is what is empty, or part of another one, as that
-        is looser.
+        """Which of some axes each subspace keeps: a list without empty entries, equal ones, and parts of others.
+
+        A part of another gives a looser tube.
         """
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
 
     def outer_projections(self, unsafe_set: UnsafeSet, axes: Axes, obstacle: FloatArray) -> dict[Axes, FloatArray]:
-        """-g_p(x) = max over the dropped coordinates of -g(x, w), by the axes that each subspace keeps, of an
-        obstacle function (*subgrid of `axes`); notes in `free` how much of the space g_p leaves free.
+        """-g_p(x) = max over the dropped coordinates w of -g(x, w), by the axes that are kept; also updates `free`.
+
+        obstacle : -g (*subgrid of `axes`) of the unsafe set. The keys are `_kept(axes)`.
         """
         projected = {}
         for keep in self._kept(axes):
@@ -225,34 +241,47 @@ class ProjectedGames:
         return projected
 
     def _note_free(self, unsafe_set: UnsafeSet, share: float) -> None:
-        """Raise `free`, of this unsafe set, to the share of a subspace that is free of it."""
-        place = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
-        self.free[place] = max(share, self.free.get(place, 0.0))
+        """Raise the entry of this unsafe set in `free` to `share`, 0 to 1, of a subspace, if it is larger."""
+        position = next(i for i, known in enumerate(self.problem.unsafe) if known is unsafe_set)
+        self.free[position] = max(share, self.free.get(position, 0.0))
 
 
 class ProjectedSets(GridSets):
-    """`GridSets` of method "projected": its table says how much the projections lose, which is found at the
-    beginning and warned of where it is all.
+    """`GridSets` of method "projected", whose table also says how much the projections lose.
+
+    The entries (k, 0) are written when the sets are made.
+
+    Attributes
+    ----------
+    games : ProjectedGames
+    goals : dict
+        By the step k, the position in the table's tubes at which the entry (k, 0) was written.
+    lost : dict
+        What `_lost` returns, found when the sets are made.
     """
 
     games: ProjectedGames
 
     def __init__(self, *given: Any) -> None:
-        """The sets of `GridSets`; finds how much the projections lose (`lost`) and warns of those that are empty."""
+        """Make the `GridSets`, find how much the projections lose (`lost`), and warn where nothing is left."""
         super().__init__(*given)
         self.goals: dict[int, int] = {}
         self.lost = self._lost()
         tell(*self.empty())
 
     def goal(self, step: int) -> None:
-        """The entry (step, 0), which `_lost` has written; where tubes before it are shared, it moves up."""
+        """Write the entry (step, 0), by copying the tube that `_lost` has written to its position.
+
+        Nothing is done if that is its position still; where tubes before it are shared, it has moved up.
+        """
         place = self.table.tube_index(step, 0)
         if place != self.goals[step]:
             self.table.tubes[place] = self.table.tubes[self.goals[step]]
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table of `GridSets`, whose details say how much is lost (`_lost`), and "warnings": sentences. Warns
-        where tubes never grow beyond the target.
+        """The table of `GridSets`, with `lost` and the sentences of all warnings in details["projection"].
+
+        Warns if the tubes never grow beyond the target, unless the cause has been warned of before.
         """
         table, found = super().finish(details), self.empty()
         if not found and table.fraction(start=0, within=0) == (share := table.fraction(start=0)):
@@ -262,20 +291,22 @@ class ProjectedSets(GridSets):
         return replace(table, details={**table.details, "projection": told})
 
     def _lost(self) -> dict[str, Any]:
-        """How much the projections lose, before the recursion; plays no game, and writes the entries (k, 0).
+        """How much the projections lose, before the recursion; plays no game. Writes the entries (k, 0) and `goals`.
+
+        The avoid games have been played before, and have filled in `games.free`.
 
         Returns
         -------
         dict
-            "target_kept": for each subspace, how much of the volume of the safe target survives the inner projection (a
-            share; the largest over the steps). "free": for each unsafe set that had to be projected, by its name, the
-            largest share of a subspace outside its outer projection.
+            "target_kept": for each subspace the share, 0 to 1, of the volume of the safe target (the target minus the
+            unsafe sets) that the inner projection keeps, the largest over the steps. "free": for each unsafe set that
+            had to be projected, by its name, the largest share of a subspace outside its outer projection.
         """
         games, problem = self.games, self.problem
         grid, starts = problem.grid, range(1 if problem.time_invariant else problem.most_steps + 1)
 
         def share(goal: FloatArray, axes: Axes) -> float:
-            """The volume of the goal's inner projection on some axes over the volume of the goal."""
+            """The volume of the inner projection of {goal <= 0} to some axes over its own; 0 if that is 0."""
             whole = grid.fraction(goal <= 0)
             return grid.subgrid(axes).fraction(games.inner_projection(goal, axes) <= 0) / whole if whole > 0 else 0.0
 
@@ -287,20 +318,21 @@ class ProjectedSets(GridSets):
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]
         return {"target_kept": kept, "free": {self._name(at): share for at, share in sorted(games.free.items())}}
 
-    def _name(self, place: int) -> str:
-        """The name of the unsafe set at a place of problem.unsafe; of several with one name, its place too."""
+    def _name(self, position: int) -> str:
+        """The name of an unsafe set, by its position in problem.unsafe; with its number, from 1, if others have it."""
         names = [unsafe_set.name for unsafe_set in self.problem.unsafe]
-        alone = names.count(names[place]) == 1
-        return names[place] if alone else f"{names[place]}, number {place + 1} of problem.unsafe"
+        alone = names.count(names[position]) == 1
+        return names[position] if alone else f"{names[position]}, number {position + 1} of problem.unsafe"
 
     def _of_inputs(self, name: str) -> str:
-        """The words " of [inputs]" where the unsafe set of that name counts under some inputs only; else ""."""
-        part = next(one for place, one in enumerate(self.problem.unsafe) if self._name(place) == name)
+        """ " of [inputs]" for an unsafe set, by the name of `_name`, that counts under some inputs only; else ""."""
+        part = next(one for position, one in enumerate(self.problem.unsafe) if self._name(position) == name)
         return "" if part.inputs is None else f" of {list(part.inputs)}"
 
     def empty(self) -> list[Finding]:
-        """Findings of subspaces that hold nothing of the target, and of unsafe sets whose projections fill them
-        all; nothing is warned of here.
+        """Findings, from `lost`, of subspaces that keep nothing of the target, and of sets that leave none free.
+
+        The caller warns; [] if nothing is empty.
         """
         problem, names = self.problem, self.problem.grid.names
         found = []
@@ -395,8 +427,10 @@ class Projected(Options):
         object.__setattr__(self, "subspaces", tuple(tuple(int(axis) for axis in axes) for axes in given))
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "ProjectedSets":
-        """The tubes on the whole grid, by games on subspaces, to be filled by `recursion`. ValueError where the
-        subspaces are not of the problem's grid.
+        """The tubes on the whole grid, by games on subspaces, to be filled in by `recursion`.
+
+        Checks memory, states the cost, solves the avoid games, and warns where a projection is empty. ValueError where
+        the subspaces are not of the problem's grid.
         """
         subspaces = checked_subspaces(problem, self.subspaces)
         options = {"subspaces": [list(axes) for axes in subspaces], "inner": self.inner.name} | self.inner.options
@@ -404,7 +438,15 @@ class Projected(Options):
 
 
 class OnSubspaces(NamedTuple):
-    """The method "projected" on the subspaces of one problem, as `GridSets` takes it."""
+    """The method "projected" for one problem, as `GridSets` takes it.
+
+    name : "projected".
+    options : plain values by name, for the table's details; the keys are "subspaces", "inner" and those of the inner
+        method.
+    inner : the method that plays the games on the subspaces.
+    subspaces : the axes that each subspace keeps, ascending.
+    problem : the padded problem, whose games are played on subspaces.
+    """
 
     name: str
     options: dict[str, Any]
@@ -413,8 +455,9 @@ class OnSubspaces(NamedTuple):
     problem: ReachAvoidProblem
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games on the subspaces; of another problem, that of an axis's ends, those of the inner method on
-        its whole grid.
+        """`ProjectedGames` for the problem itself; for any other the games of the inner method, on all of its axes.
+
+        Others are the wide problems of the ends of an axis, which have the few axes that they need.
         """
         if problem is not self.problem:  # the ends of an axis, on the few axes that it needs
             return self.inner.on(problem)

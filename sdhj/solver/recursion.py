@@ -45,34 +45,44 @@ LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the
 class TubeSets(Protocol):
     """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    time_invariant : whether nothing depends on time; there is then one row, and the entry (k, n) is the entry (0, n).
-    Sets for problems without a number of steps also have `filled`, the largest n that is filled in, and `changing`, the
-    share of the state space that the last step changed.
+    `recursion` calls `goal` once for each step k, then `extend` or `share` for n = 1, 2, ... in order, and asks
+    `stopped` only of entries that have been filled in. `finish` is called last, once.
+
+    Attributes
+    ----------
+    time_invariant : bool
+        Whether nothing depends on time. There is then one row, k = 0, and the entry (k, n) is the entry (0, n) for
+        every k.
+    filled : int
+        Only of sets that take problems with steps=None: the largest n that has been filled in.
+    changing : float
+        Only of sets that take problems with steps=None: the share of the state space, 0 to 1, that the last step
+        changed.
     """
 
     time_invariant: bool
 
     def goal(self, step: int) -> None:
-        """Write the entry (step, 0): the target minus the unsafe sets."""
+        """Write the entry (step, 0): the target minus the unsafe sets, at the time of the step."""
 
     def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within), from (step, within - 1) and (step + 1, within - 1) and the avoid tubes
-        of the step.
-        """
+        """Write the entry (step, within) from (step, within - 1), (step + 1, within - 1) and the step's avoid tubes."""
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether the entries (step, within) and (step, within - 1) are equal."""
+        """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; within >= 1."""
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be the entry (step, within - 1)."""
+        """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
 
     def finish(self, details: Mapping[str, Any]) -> Table:
-        """The table of all entries; `details` are added to its details."""
+        """The table of all entries; the items of `details`, plain values by name, are added to the table's details."""
 
 
 def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
-    """The finding that a solve without a number of steps ended after so many `steps` while a `share` of the state
-    space was still changing; nothing is checked here.
+    """The finding that a solve with steps=None ended before its tube had settled; the caller has found that it did.
+
+    steps : after how many steps the solve ended.
+    share : the part of the nodes or cells, 0 to 1, that the last of these steps still changed.
     """
     holds = (
         "the tube is safe for so many steps, not for ever"
@@ -88,10 +98,13 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
 
 
 def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping: int | None) -> Finding | None:
-    """The finding that more than half of a set that is to be safe for ever was lost after its boundary began to creep,
-    with the share that is left; None where it was not.
+    """The finding that most of a set that should be safe for ever was lost while its boundary crept, or None.
 
-    shares : of the state space, by steps. creeping : the steps after which the boundary first crept; None: it did not.
+    It is made if, after the last step, less than half is left of what was left when the boundary began to creep.
+
+    shares : by the number of steps, what share of the state space, 0 to 1, was in the set after these; not empty.
+    creeping : the number of steps, a key of `shares`, after which the boundary first moved by less than `CREEPING`
+        cells a step; None if it never did.
     """
     last = max(shares)
     if creeping is None or shares[creeping] <= 2.0 * shares[last]:
@@ -111,12 +124,12 @@ def worn_down(problem: ReachAvoidProblem, shares: Mapping[int, float], creeping:
 
 
 def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
-    """Fill in all entries of `sets` for so many steps (Theorem 2): rows k from the last to the first, and in a row one
-    more step to go at a time.
+    """Fill in all entries (k, n) of `sets` with k + n <= steps (Theorem 2), in place.
 
-    If nothing depends on time, one row is filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are
-    (k, n) and (k, n - 1), and the entry is shared. A row with a shared entry may grow again, for example if the target
-    appears late. `done` is called after each entry.
+    Rows k come from `steps` down to 0, and in a row n goes upwards. If nothing depends on time, only the row k = 0 is
+    filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and
+    `sets.share` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target
+    appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
     """
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
         sets.goal(step)
@@ -129,9 +142,10 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
 
 
 def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
-    """Upper estimate of the bytes that a solve on the grid, in memory, needs at its peak, with values of this dtype.
+    """Upper estimate of the bytes that a solve in memory by a method on the grid needs at its peak, in one slab.
 
-    It includes the table, the avoid tubes, samples and intermediate results, but not what the problem's functions need.
+    It includes the process itself, the table, the avoid tubes, samples and intermediate results, but not what the
+    problem's own functions allocate. dtype : of the values, "float32" or "float64".
     """
     grid, count, dynamics, found = problem.grid, len(problem.inputs), problem.dynamics, dangers(problem)
     layout = Plan(problem, HJIGames, dtype, tuple(map(AvoidGame, found))).layout
@@ -150,8 +164,11 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
 
 
 def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
-    """The cost of a solve by the model of `sdhj.problem.cost`, with halos; None if games do not say it. Warns
-    where a unit must be wrong (`check_crossing`). nbytes, disk : what it takes of memory and disk, passed on.
+    """The cost of a solve by the model of `sdhj.problem.cost`; None if the games have no `operations`.
+
+    The halos of slabs are included. nbytes, disk : the bytes of memory and of disk that the solve takes, only copied
+    into the `Cost`. Warns (`check_crossing`) where the state crosses so many cells in an interval that a unit must be
+    wrong.
     """
     problem, slabs = plan.problem, plan.layout.slabs
     games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
@@ -161,8 +178,9 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How much of a grid is gone through, slab by slab, halos included: 1 where `axis`, which is cut, is None
-        or there is one slab.
+        """How many times a grid is gone through, slab by slab: slabs (width + 2 halo) / nodes along the cut axis.
+
+        It is 1 where `axis`, the axis of this grid that is cut, is None, or where there is one slab.
         """
         n = 1 if axis is None or slabs == 1 else grid.shape[axis]
         return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
@@ -185,22 +203,41 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
 
 
 def no_avoid_tubes(problem: ReachAvoidProblem, dtype: str) -> AvoidTubes:
-    """The avoid tubes where there is nothing to avoid: -inf, on no axes, for each input and step."""
+    """The avoid tubes of a problem with nothing to avoid: on no axes, -inf; static (L,) and moving (most_steps, L)."""
     count = len(problem.inputs)
     return AvoidTubes((), np.full(count, -np.inf, dtype), (), np.full((problem.most_steps, count), -np.inf, dtype))
 
 
 class InputRows:
-    """The grid and avoid tubes as `add_inputs` reads them, by which inputs join tubes.
+    """The grid and the avoid tubes in the form in which the kernel `add_inputs` reads them; `add` calls it.
 
-    Rows are of the last axes, so many that whatever does not depend on all nodes of a row depends on none: what it says
-    of a row is then one value, or a row that other rows of the grid may share.
+    The grid is cut into R rows. A row is all nodes of the last one or more axes. As many axes are joined as the avoid
+    tubes allow: each avoid tube depends on all of the joined axes or on none of them, so that in a row it is one value,
+    or a row of numbers that other rows of the grid may share.
+
+    Attributes
+    ----------
+    grid : Grid
+    tubes : AvoidTubes
+        Those that were given; only `tubes.moving` is read later, by `add`.
+    last : int
+        How many of the last axes a row joins.
+    size : int
+        Nodes of a row.
+    every : (R,) int array
+        The numbers of all rows.
+    wide : list of int
+        For the static and for the moving avoid tubes: numbers that they have for a row, `size` or 1.
+    static : (L, parts, wide[0]) array
+        The static avoid tubes, a view.
+    highest : (L, parts) array
+        The largest value in each part of `static`.
+    static_at, moving_at : (R,) int arrays
+        For each row the part of the static or of the moving avoid tubes that belongs to it.
     """
 
     def __init__(self, grid: Grid, tubes: AvoidTubes) -> None:
-        """Join as many trailing axes of the grid to rows as the avoid tubes allow, up to half of the axes or
-        `LONG` nodes.
-        """
+        """Choose the rows; more axes are joined only up to half of the axes, or up to `LONG` nodes."""
         self.grid, self.tubes, last = grid, tubes, 1
         axes = tubes.static_axes, tubes.moving_axes
         for more in range(2, grid.ndim + 1):
@@ -216,13 +253,15 @@ class InputRows:
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._places(some, last) for some in axes)
 
-    def of(self, values: FloatArray, lead: int = 0) -> FloatArray:
-        """Values on the grid, or behind `lead` other axes, in rows: (lead..., R, size), a view."""
+    def as_rows(self, values: FloatArray, lead: int = 0) -> FloatArray:
+        """A view in rows, (lead..., R, size), of values (lead..., *shape) with `lead` axes before those of the grid."""
         return values.reshape(*values.shape[:lead], -1, self.size)
 
     def _places(self, axes: Axes, last: int = 1) -> FloatArray:
-        """For each part of the grid, the nodes of `last` last axes, the number of the part of a function on
-        `axes` there: (parts of the grid,), a new array.
+        """For each part of the grid, which part of a function on some `axes` belongs to it: (parts,) int, a new array.
+
+        A part of the grid is all nodes of its `last` last axes; parts of the function are counted in C order over those
+        of its axes that are not among these.
         """
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
@@ -231,10 +270,12 @@ class InputRows:
         return np.broadcast_to(places, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """begin, at, width and nodes as `add_inputs` takes them, for functions of `number` inputs that lie one behind
-        the other, on each of some `axes`.
+        """begin, at, width and nodes as `add_inputs` takes them, for reach sets of inputs that are given in pieces.
 
-        A line of one piece on all axes is a row. Found once for each.
+        The pieces lie one after the other in a flat array: for each entry of `axes`, the axes of one piece, the
+        functions of `number` inputs on the subgrid of these axes. A line is the part of a piece that belongs to the
+        nodes of the grid's last axis; if there is one piece, on all axes, it is a row. Computed once for each pair of
+        arguments.
         """
         if (axes, number) not in self._known_lines:
             last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)
@@ -248,7 +289,7 @@ class InputRows:
         return self._known_lines[axes, number]
 
     def of_planes(self, planes: FloatArray) -> FloatArray:
-        """The numbers (R,) of the rows that have nodes in some planes of the last two axes, (*grid.shape[:-2]) bool."""
+        """The numbers (R',) of the rows that have nodes in the marked planes, `planes` (*shape[:-2]) bool."""
         axes, lead = self.grid.ndim - self.last, planes.ndim
         if axes > lead:  # lines
             planes = np.broadcast_to(planes[..., None], self.grid.shape[:axes])
@@ -263,11 +304,18 @@ class InputRows:
         start: FloatArray,
         some: FloatArray | None = None,
     ) -> None:
-        """Unite `start` (*shape) with the reach-avoid sets of some inputs to `tube` (*shape), and mark in `marks`
-        (bytes, *shape) where these hold: in place, by `add_inputs`.
+        """Unite the reach-avoid sets of some inputs with `start` to `tube`, and mark where they hold, in place.
 
-        reach_sets : of these inputs; what of the avoid tubes at `step` is above them is added here. some : the rows in
-            which that is done, by default all.
+        The value of input j is max(reach_j, avoid_j), and tube = min(start, values of these inputs); `add_inputs` does
+        it.
+
+        tube : (*shape), contiguous, written over.
+        marks : (bytes, *shape) uint8. Bit j % 8 of byte j // 8 says whether the value of input j is <= 0; the bits of
+            these inputs have to be 0 before.
+        reach_sets : level-set functions of the reach sets of successive inputs.
+        step : the position of the interval's step in `tubes.moving`.
+        start : (*shape), may be `tube` itself.
+        some : the numbers of the rows in which this is done, by default all; other rows of `tube` and `marks` stay.
         """
         behind = math.prod(self.grid.shape[reach_sets.axis + 1 :]) if isinstance(reach_sets, Maxima) else 0
         if isinstance(reach_sets, Maxima) and behind % self.size:
@@ -283,20 +331,23 @@ class InputRows:
         )
         some = self.every if some is None else some
         add_inputs(
-            self.of(tube),
-            self.of(marks, 1),
+            self.as_rows(tube),
+            self.as_rows(marks, 1),
             found,
             reach_sets.number,
             reach_sets.first,
             avoid_rows,
-            self.of(start),
+            self.as_rows(start),
             some,
         )
 
 
 def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, int]:
-    """The avoid tubes of a task's slab as `InputRows`, and at which place those of its step are in them. Of the
-    only slab they are kept and have those of all steps; of others they are read anew, the step's alone.
+    """The avoid tubes of a task's slab as `InputRows`, and the position of the task's step in their moving tubes.
+
+    In a solve with one slab, `InputRows` of all steps are made once and kept in `plan.kept`; for joint games, whose
+    reach sets avoid everything already, without avoid tubes, unless the grid has unsafe ends. In a solve with several,
+    those of this slab and step are read from `arrays` for each task, and the position is 0.
     """
     layout, problem = plan.layout, plan.problem
     axes = layout.axes("avoid_static"), layout.axes("avoid_moving")
@@ -307,15 +358,18 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
-        arrays.read(name, place, layout.runs(name, task.slab))
-        for name, place in (("avoid_static", 0), ("avoid_moving", task.step))
+        arrays.read(name, position, layout.runs(name, task.slab))
+        for name, position in (("avoid_static", 0), ("avoid_moving", task.step))
     )
     return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 
 
 def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[bool], str]:
-    """Do a task on its slab and write what comes of it. Returns the task; whether a node is in danger, for each
-    avoid game; and what the ledger is to be told (the arrays' `write`).
+    """Do a task on its slab and write the result into `arrays`. Returns (the task, danger, digest).
+
+    Avoid tubes and earlier entries must be in `arrays` before a task of kind "extend". It may run in another process,
+    on a pickled plan; the caller enters the slab in the ledger. danger : for each avoid game of the task's kind whether
+    any node of the slab is in danger, [] for other tasks. digest : what `arrays.enter` takes.
     """
     met: list[bool] = []
     if task.kind in plan.avoid:
@@ -326,8 +380,9 @@ def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[boo
 
 
 def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """The entry (step, 0) on a task's slab: the target minus the unsafe sets, eroded by E, and no marks: [tube,
-    marks], as `arrays.write` takes them.
+    """The entry (step, 0) on a task's slab, the target minus the unsafe sets: [tube, marks], for `arrays.write`.
+
+    With a `Sensing` the tube is eroded by the box E of the prediction error. No input is marked.
     """
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
@@ -337,8 +392,11 @@ def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
 
 
 def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
-    """An entry of Theorem 2 on a task's slab, as `arrays.write` takes it, [tube, marks]: level-set functions
-    united by the minimum, or without a target intersected with those of a step less by the maximum, and marks.
+    """The entry (step, within) of a task on its slab, [tube, marks] as `arrays.write` takes them.
+
+    tube = min(entry with a step less to go, max(reach_j, avoid_j) for all j); without a target max(that entry, min over
+    j). Reads the entries `task.before` and `task.after` and the avoid tubes from `arrays`. With `plan.kept["patch"]`
+    only the rows that it names are computed, and the others are copied from the former solve.
     """
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
     window, games = plan.play(task.slab)
@@ -360,8 +418,9 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
 
 
 def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
-    """Whether reach sets have to be written out on the grid, to be changed: on a padding, with a `Sensing`, or
-    where the games cannot hand them over in groups.
+    """Whether reach sets have to be written out on the grid, input by input, before they are united.
+
+    They have to on a padding, with a `Sensing`, and where the games have no `grouped_reach_sets`.
     """
     return not hasattr(games, "grouped_reach_sets") or problem.padded is not problem or bool(problem.sensing)
 
@@ -369,8 +428,11 @@ def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
 def _reach_sets(
     problem: ReachAvoidProblem, games: Any, values: FloatArray, step: int, patch: Patch | None
 ) -> Iterator[Maxima | Pieces]:
-    """Yield the reach sets of all inputs for {values <= 0} at the end of the interval from a step, some at a
-    time: on the grid without its padding, and without memory eroded by the box E.
+    """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
+
+    Some inputs come at a time, all of one byte of marks together, on the problem's grid without its padding. With a
+    `Sensing` that has no memory they are eroded by the box E of the prediction error.
+    values : (*shape) on the padded grid. patch : the part to be solved, or None for all; only for games that take one.
     """
     if not written_out(problem, games):
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
@@ -381,10 +443,12 @@ def _reach_sets(
 
 
 def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatArray], list[bool]]:
-    """The avoid tubes of every input on one slab, or of all where they know nothing of the cut: [tubes (L, *subgrid)],
-    eroded by E, the maximum over the dangers of the task's kind.
+    """The avoid tubes of all inputs, for all dangers of a task's kind, on its slab, and who is in danger.
 
-    Returns, too, for each game whether any node is in danger.
+    Returns [tubes (L, *subgrid)], as `arrays.write` takes it, and for each avoid game of the kind whether any node is
+    in danger, that is whether a value is > 0. The tubes are the maximum over the dangers, and with a `Sensing` eroded
+    by the box E. Avoid games that do not depend on the cut axis are solved on all of their grid. Where there are
+    several games, the tubes of each are also kept in `plan.former`, if that is given.
     """
     problem, layout, kept = plan.problem.padded, plan.layout, plan.layout.axes(task.kind)
     grid = problem.grid if layout.slabs == 1 else plan.slab(task.slab)
@@ -412,9 +476,7 @@ def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatAr
 
 
 class GridMethod(Protocol):
-    """A method that plays its games on the grid, as `GridSets` takes it; `options` are for the details of the
-    table, "dtype" for its arrays.
-    """
+    """A method that plays its games on the grid, as `GridSets` takes it: `HJI`, `HopfLax` and `OnSubspaces`."""
 
     @property
     def name(self) -> str:
@@ -422,39 +484,61 @@ class GridMethod(Protocol):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Its options, plain values by name."""
+        """The method's options, plain values by name, for the table's details; "dtype" is that of its values."""
 
     def on(self, problem: ReachAvoidProblem) -> Games:
-        """The games of one interval of a problem, on its whole grid."""
+        """The games of the intervals of a problem, on its whole grid; what they sample is kept with them."""
 
 
 class Slabs(NamedTuple):
-    """How a solve is cut into slabs (`plan`), where arrays lie, who does the tasks, and who is told of slabs that
-    are done.
+    """How a solve is cut into slabs, where its arrays lie, who does the tasks, and who is told of progress.
+
+    plan : the cut and the games.
+    arrays : where tubes are read and written; None: in memory.
+    run : does tasks and yields for each, in any order, what `work` returns; None: `work` is called here, one after the
+        other.
+    tick : called with the number of slabs that have just been done, skipped or shared.
     """
 
     plan: Plan
-    arrays: Memory | Store | None = None  # by default in memory
-    run: Callable[[list[Task]], Iterable[Any]] | None = None  # yields what `work` returns of tasks, in any order
-    tick: Callable[[int], Any] = lambda slabs: None  # gets how many slabs are done, each time that some are
+    arrays: Memory | Store | None = None
+    run: Callable[[list[Task]], Iterable[Any]] | None = None
+    tick: Callable[[int], Any] = lambda slabs: None
 
 
 class GridSets:
     """S_k as level-set functions on the grid: `TubeSets` for every method that plays its games there.
+
+    Making it solves all avoid games; then `recursion` fills in the entries, and `finish` gives the table.
 
     Parameters
     ----------
     problem : ReachAvoidProblem
     method : GridMethod
     former : Former, optional
-        An earlier solve, of which what cannot differ is copied.
+        An earlier solve in this process, of which all that cannot differ is copied. Only without `slabs`.
     slabs : Slabs, optional
-        How the grid is cut, where arrays lie and who works; by default one slab, in memory, here.
+        How the grid is cut, where arrays lie and who works; by default one slab, in memory, in this process.
+
+    Attributes
+    ----------
+    plan : Plan
+    arrays : Memory or Store
+    table : LookupTable
+        Over `arrays`; entries are undefined until they are filled in.
+    shared : int
+        Entries that are the tube of another entry.
+    filled, changing : int, float
+        As in `TubeSets`; only with steps=None.
+    shares : dict
+        By the number of steps, the share of the state space in the tube; only with steps=None.
+    creeping : int or None
+        After how many steps the boundary first moved by less than `CREEPING` cells a step; only with steps=None.
 
     Raises
     ------
     MemoryError
-        If `memory_needed` exceeds the available memory.
+        Without `slabs`, if `memory_needed` exceeds the available memory.
     """
 
     def __init__(
@@ -464,9 +548,7 @@ class GridSets:
         former: Former | None = None,
         slabs: "Slabs | None" = None,
     ) -> None:
-        """Compute the avoid tubes; where no `slabs` are given, first check memory, state the cost, and warn of
-        what the grid does not resolve.
-        """
+        """Solve the avoid games; without `slabs` first check memory, state the cost, warn of a coarse grid."""
         self.problem, self.options, self.time_invariant = problem, dict(method.options), problem.time_invariant
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
@@ -483,13 +565,15 @@ class GridSets:
 
     @property
     def games(self) -> Any:
-        """The games on the whole grid, those of the plan's only slab."""
+        """The games on the whole grid, made at first use; in a solve with one slab, those that play it."""
         return self.plan.whole
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
-        """The plan of one slab in memory. MemoryError where a solve does not fit; states the cost (`begin`) and
-        warns of what the grid does not resolve.
+        """The plan of a solve in memory, in one slab, for `Slabs`.
+
+        MemoryError where the solve does not fit. States the cost (`begin`), and warns of what the grid does not
+        resolve.
         """
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
@@ -503,12 +587,16 @@ class GridSets:
         return plan
 
     def _avoid_tubes(self) -> None:
-        """Fill in the avoid tubes, of moving sets for each step, else once, or take them from the former solve;
-        warn of sets that no node is ever in danger of.
+        """Write the avoid tubes into the arrays, static ones once and moving ones for each step.
+
+        Those of the former solve are copied if they are the same.
+
+        Slabs that a resumed store already has are not solved. Unless there are such, warns of unsafe sets that no node
+        is in danger of.
         """
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
-            if isinstance(self.arrays, Memory) and games and (same := self._known(kind)) is not None:
+            if isinstance(self.arrays, Memory) and games and (same := self._former_avoid_tubes(kind)) is not None:
                 self.arrays.arrays[kind] = same
                 met |= {id(game.danger.unsafe_set) for game in games}
                 continue
@@ -523,18 +611,20 @@ class GridSets:
             if id(unsafe_set) not in met:
                 tell(never_met(unsafe_set))
 
-    def _known(self, kind: str) -> FloatArray | None:
-        """The avoid tubes of a kind, "avoid_static" or "avoid_moving", that the former solve has if none of them
-        differs; else None.
+    def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
+        """The former solve's avoid tubes of a kind, as `arrays` has them, if none of them can differ; else None.
+
+        kind : "avoid_static" gives (L, *subgrid), "avoid_moving" (most_steps, L, *subgrid).
         """
         moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
         former, times = self.plan.former, self.problem.most_steps if moves else 1
-        same = former.same(found, moves, times) if former else None
+        same = former.avoid_tubes(found, moves, times) if former else None
         return same if same is None or moves else same[0]
 
     def _do(self, task: Task) -> list[Any]:
-        """Have a task done on all slabs where it is not done yet, and entered in the ledger. Returns for each of
-        these what `_avoid` said of danger.
+        """Do a task on each slab where it has not been done, enter these in the ledger, and tick all of them.
+
+        Returns for each slab that was done what `work` says of danger: a list of bool, one for each avoid game.
         """
         tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
         todo = [one for one in tasks if not self.arrays.there(one.written)]
@@ -548,12 +638,13 @@ class GridSets:
         return found
 
     def goal(self, step: int) -> None:
-        """Write the entry (step, 0), S_k^N = L minus G, on all slabs."""
+        """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), on all slabs."""
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
     def extend(self, step: int, within: int) -> None:
-        """Write the entry (step, within), on all slabs. Without a number of steps: MemoryError where it does not
-        fit, and notes `filled`, `changing` and `shares`.
+        """Write the entry (step, within) from (step, within - 1) and (step + 1, within - 1), on all slabs.
+
+        With steps=None also sets `filled`, `changing` and `shares`; MemoryError where one more entry does not fit.
         """
         table, endless = self.table, self.problem.steps is None
         if endless:
@@ -562,15 +653,17 @@ class GridSets:
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
         if self.former and patch:
-            self.former.done(patch, step, within)
+            self.former.keep_still(patch, step, within)
         if endless:
             tube, before = table.value_array(step, within), table.value_array(step, within - 1)
             self.filled, self.changing = within, float(np.mean((tube <= 0) != (before <= 0)))
             self.shares[within] = table.fraction(within=within)
 
     def stopped(self, step: int, within: int) -> bool:
-        """Whether the entry (step, within) equals the one before, bit for bit. Without a number of steps, whether
-        its boundary has settled; notes when it first crept.
+        """Whether the entries (step, within) and (step, within - 1) are equal, bit for bit.
+
+        With steps=None: whether the boundary moved by at most `SETTLED` cells in the last step and, without a target,
+        its unrest is at most `RESTLESS`; also sets `creeping`.
         """
         if self.problem.steps is None:
             motion = self.table.motion(step, within)
@@ -581,14 +674,16 @@ class GridSets:
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be the one with a step less to go, without solving it."""
+        """Make the entry (step, within) the same tube as (step, within - 1); counts it, and ticks its slabs."""
         self.table.share(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)
 
     def finish(self, details: Mapping[str, Any]) -> LookupTable:
-        """The table, settled where N is not given; `details` join the options and counts of PDEs in its details.
-        Warns where it has not settled, or was worn down.
+        """The table. Its details are the method's options, counts of PDEs and shared tubes, and `details`.
+
+        With steps=None it is the settled table (`LookupTable.settled`), and a warning says so if the tube has not
+        settled or was worn down.
         """
         table, endless = self.table, self.problem.steps is None
         if endless:

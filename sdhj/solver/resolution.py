@@ -36,11 +36,12 @@ ABRUPT = 0.25  # of the change between two nodes: a level-set function that is f
 
 
 def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> None:
-    """Warn of unsafe sets that hide between nodes, are too thin or flat inside, of level-set functions that jump at the
-    set's boundary, and of what `check_seams` finds: of each set once, at `TIMES` times if it moves.
+    """Warn of unsafe sets that the grid does not resolve, for methods on the grid.
 
-    Sets on more nodes than `most`, and those with sampling="cell", are not looked at. What was found of a formula is
-    kept with it.
+    That is of sets that hide between nodes, are too thin or flat inside, of level-set functions that jump at the set's
+    boundary, and of what `check_seams` finds: of each set one warning, looked for at `TIMES` times if the set moves.
+    Sets with sampling="cell", and those whose axes have more than `most` nodes, are not looked at. What was found of a
+    formula is kept with it for the next problem; its warning is given again.
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
@@ -54,10 +55,10 @@ def check_resolution(problem: "ReachAvoidProblem", most: float = math.inf) -> No
 
 
 def check_sets(problem: "ReachAvoidProblem") -> None:
-    """Warn of what is wrong with sets and velocities, whatever the method does with them.
+    """Warn of what is wrong with sets and velocities, for methods that are not on the grid.
 
-    That is what `check_seams` finds, and unsafe sets that no node is in at any time, or that hide between the nodes.
-    Methods on the grid call `check_resolution`, and see whether a node is ever in danger, instead.
+    That is of what `check_seams` finds, and of unsafe sets that no node is in at any time, or that hide between the
+    nodes. Methods on the grid call `check_resolution` instead, and see for themselves whether a node is ever in danger.
     """
     check_seams(problem)
     for unsafe_set in problem.unsafe:
@@ -66,14 +67,17 @@ def check_sets(problem: "ReachAvoidProblem") -> None:
 
 
 def _few_moments(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> list[float]:
-    """Some times at which a set is looked at closely; of one that does not move the first."""
+    """Times, s, at which a set is looked at closely: `TIMES`, from 0 to the last step, or 0 if it does not move."""
     return np.linspace(0.0, problem.most_steps * problem.delta, TIMES if unsafe_set.moving else 1).tolist()
 
 
 def _once(
     problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, find: Callable[..., Finding | None], *more: str
 ) -> Finding | None:
-    """What `find` finds; of a formula, which the next problem may have too, it is found once."""
+    """What find(problem, unsafe_set, t, *more) returns; if the set is a formula, kept with it after the first call.
+
+    The next problem may have the same formula. more : further arguments of `find`, hashable.
+    """
     level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
     if isinstance(level_set, Formula):
         known = level_set.remembered("findings", dict)
@@ -84,8 +88,11 @@ def _once(
 
 
 def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
-    """The finding of an axis along which, without memory, an interval costs 2 E, as much as the choice of the
-    input changes in it, or more; the first one, None where there is none. Velocities are those at random states.
+    """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
+
+    Of the first axis along which an interval costs 2 E, and 2 E is at least half of the range of velocities under all
+    inputs times delta. Velocities are those at `STATES` random states (of seed 0) at the first step, without a
+    disturbance.
     """
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.remembers:
@@ -105,8 +112,11 @@ def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
 
 
 def check_seams(problem: "ReachAvoidProblem") -> None:
-    """Warn of sets, also targets, that are cut off where a periodic axis closes, of velocities that jump there,
-    and of a `Sensing` whose error costs more than inputs change (`losing_to_error`).
+    """Warn of what does not fit together where a periodic axis closes, and of a `Sensing` with too large an error.
+
+    That is of unsafe sets and targets that are cut off there (`_cut_off`), of velocities that jump there
+    (`_turning_over`), and of errors that cost more than inputs change (`losing_to_error`): one warning of each set,
+    one of velocities.
     """
     for part in problem.all_sets:
         tell(next(filter(None, (_cut_off(problem, part, t) for t in _moments(problem, part.moving))), None))
@@ -115,17 +125,17 @@ def check_seams(problem: "ReachAvoidProblem") -> None:
 
 
 def _moments(problem: "ReachAvoidProblem", timed: bool) -> list[float]:
-    """At most `SPANS` + 1 times from 0 to the problem's last step, s; the first alone unless what is looked at is
-    `timed`.
-    """
+    """Times, s, from 0 to the problem's last step, at most `SPANS` + 1; 0 alone if not `timed`."""
     count = min(problem.most_steps, SPANS) if timed else 0
     return np.linspace(0.0, problem.most_steps * problem.delta, count + 1).tolist()
 
 
 @lru_cache(maxsize=8)  # what moves is looked at many times
 def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
-    """For each periodic axis: its number, points (M, ndim) just before its upper end, and the same points at its
-    lower end. They are all nodes of the seam, where these are at most `most`, and `most` random ones.
+    """For each periodic axis its number, points (M, ndim) just before its upper end, and the same at its lower end.
+
+    They are `most` random points (of seed 0), half of their coordinates at nodes, and all nodes of the seam if these
+    are at most `most`. Cached: the arrays are shared and must not be written.
     """
     rng, found = np.random.default_rng(0), list[tuple[int, FloatArray, FloatArray]]()
     for axis in np.flatnonzero(grid.periodic).tolist():
@@ -148,8 +158,10 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
 
 
 def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: float) -> Finding | None:
-    """The finding that a set is cut off where a periodic axis closes, as its level-set function at time t differs
-    in sign on both sides by more than rounding; None where it is not.
+    """The finding that a set is cut off where a periodic axis closes, at time t; None where it is not.
+
+    It is if the level-set function differs in sign on both sides of the seam, by more than 1e-6 of its largest absolute
+    value at random states.
     """
     grid = problem.grid.subgrid(part.axes)
     for axis, before, after in _seams(grid, SEAM):
@@ -171,8 +183,10 @@ def _cut_off(problem: "ReachAvoidProblem", part: "TargetSet | UnsafeSet", t: flo
 
 
 def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
-    """The finding that the least or the greatest velocity at time t jumps where a periodic axis closes; None
-    where none does, or where it is undefined.
+    """The finding that the least or the greatest velocity jumps where a periodic axis closes, at time t; else None.
+
+    A jump is a difference of more than 1e-6 of the greatest velocity there. Velocities that are undefined at the seam
+    are passed over.
     """
     grid, dynamics = problem.grid, problem.dynamics
     for axis, before, after in _seams(grid, STATES):
@@ -197,7 +211,7 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 
 
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
-    """The finding that no node is in an unsafe set, at any of `SPANS` steps if it moves; None where one is."""
+    """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
     for step in steps:
         g = (
@@ -215,11 +229,12 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
 
 
 def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
-    """The finding that part of an unsafe set lies between the nodes at time t: in a cell no corner of which, nor of its
-    neighbours, is in the set; None where no such part is found. so : what follows from it, in words.
+    """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
 
-    The cells whose least corner is below half the largest changes from node to node are searched, for at most `SOUGHT`
-    values.
+    It lies in a cell no corner of which, nor of the cell's neighbours, is in the set. Cells are searched whose least
+    corner is below half the sum of the largest changes from node to node, those of the least corner first, for at most
+    `SOUGHT` values in all.
+    so : what follows from it, the end of a sentence.
     """
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
@@ -265,8 +280,8 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
 def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
     """The finding that a level-set function jumps at the set's boundary at time t; None where it does not.
 
-    At zeros of the interpolant along the edges, the median of |g| / |change of g between the two nodes| is then
-    `ABRUPT` or more.
+    It does if the median of |g| / |change of g between the two nodes|, at zeros of the interpolant on edges of cells,
+    is `ABRUPT` or more.
     """
     grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)
@@ -296,9 +311,11 @@ FLAT = 1.5  # cells: from two on as many collide as with a signed distance (a ca
 
 
 def flat_inside(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """The finding that a level-set function falls less than `FLAT` cells below zero at time t and is flat from
-    there on, with how deep; None where it does not, where it is 0 in the whole set, where velocities do not
-    depend on the state, or the set is not sampled at "nodes".
+    """The finding that a level-set function is flat inside, so that differences wear the set down; None if not.
+
+    It is if it falls to a value less than `FLAT` cells below zero and is constant, to rounding, around some node there;
+    a cell is the median change from node to node at the boundary. None also where it is 0 in the whole set, where
+    velocities do not depend on the state, and unless sampling="nodes".
     """
     if problem.dynamics.stateless or unsafe_set.sampling != "nodes":
         return None
@@ -331,9 +348,12 @@ LEAST_SHOWN = 0.1  # cells: a message names no thickness below this
 
 
 def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """The finding of a wall, three nodes along it or more, or of a dot that is too thin for finite differences at
-    time t, with its thickness in cells and how many nodes would do; None where there is none, where velocities do
-    not depend on the state, or with sampling="steep".
+    """The finding that a wall or a dot is too thin for finite differences at time t, with how many nodes would do.
+
+    Thin along an axis is what `_thickness` finds, unless something that is not thin lies within two nodes. A wall is
+    thin across at three nodes along it or more, and may lie aslant; a dot is thin along all axes. The number in the
+    finding is the least thickness, in cells, at the thinnest such node. None where there is neither, where velocities
+    do not depend on the state, or with sampling="steep".
     """
     if problem.dynamics.stateless or unsafe_set.sampling == "steep":
         return None
@@ -376,8 +396,10 @@ def too_thin(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) ->
 
 
 def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
-    """Thickness of {values <= 0} along an axis, in cells, at the nodes of pieces of one or two nodes that lie
-    less than `DEEP` cells deep; +inf elsewhere; (*shape).
+    """How thick {values <= 0} is along an axis, in cells, at the nodes of thin pieces; +inf elsewhere: (*shape).
+
+    A thin piece has one or two nodes along the axis, which lie less than `DEEP` cells deep. Thickness is measured
+    between the zeros of the interpolant; it is at least `LEAST_SHOWN`.
     """
     last, before, after, further = (beside(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
@@ -392,8 +414,9 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
 
 
 def check_crossing(problem: "ReachAvoidProblem", crossed: float) -> None:
-    """Warn that a unit must be wrong if more cells are crossed in an interval than `TURNS` times those that all
-    axes have together.
+    """Warn that a unit must be wrong if the state crosses too many cells in an interval.
+
+    crossed : that number. Too many are more than `TURNS` times the sum of the numbers of nodes of all axes.
     """
     if crossed > TURNS * sum(problem.grid.shape):
         tell(

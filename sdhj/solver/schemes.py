@@ -129,8 +129,9 @@ class Scheme(Options):
 
 
 def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray:
-    """How many cells are crossed along each axis in `duration` s at speeds (ndim,): speed duration / spacing, (ndim,);
-    ValueError where one is above `MOST_STEPS`.
+    """How many cells are crossed along each axis in `duration` s: speed duration / spacing, (ndim,).
+
+    speed : (ndim,), not negative, in the axes' units per s. ValueError where one is above `MOST_STEPS`.
     """
     cells = [float(v) * duration / dx for v, dx in zip(speed, grid.spacing, strict=True)]
     if max(cells) > MOST_STEPS:
@@ -139,7 +140,7 @@ def checked_travel(grid: Grid, speed: FloatArray, duration: float) -> FloatArray
 
 
 def too_restless(delta: float) -> ValueError:
-    """A ValueError to be raised for velocities that change too fast within an interval of delta s to be sampled."""
+    """A ValueError, which the caller raises, for velocities that change too fast within an interval of delta s."""
     return ValueError(
         f"velocities change too fast within a sampling interval of delta = {delta:g} to be followed; use a "
         "shorter delta, or include the vibration in the adversary's bounds"
@@ -148,8 +149,9 @@ def too_restless(delta: float) -> ValueError:
 
 @lru_cache(maxsize=64)
 def layout_of(grid: Grid, order: int) -> Layout:
-    """The layout in which kernels read a function on the grid, for differences of some order; the same object for the
-    same arguments.
+    """The layout in which kernels read a function on the grid, for differences of some order (1, 2, 3).
+
+    Cached: the same object for the same arguments, to be read only.
     """
     *leading, rows, nodes = (1, *grid.shape) if grid.ndim == 1 else grid.shape
     ghosts = min(order, STENCIL_RADIUS)
@@ -180,16 +182,19 @@ def layout_of(grid: Grid, order: int) -> Layout:
 
 
 def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
-    """The indices of the nodes that stand for `node`, indices beyond the ends too, along an axis: wrapped or, at a
-    wall, the last one (constant extrapolation).
+    """Which nodes along an axis stand for the indices `node`, which may be beyond the ends: an int array like `node`.
+
+    Around a periodic axis; at a bounded one the last node stands for all beyond it (constant extrapolation).
     """
     n = grid.shape[axis]
     return node % n if grid.periodic[axis] else np.clip(node, 0, n - 1)
 
 
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
-    """A new array of values (*grid.shape) as the kernels read them by the layout: with ghost nodes before and
-    behind the last two axes, and an axis of the array for each of the grid.
+    """A new array of values (*grid.shape) with ghost nodes, as the kernels read them by the layout.
+
+    Ghost nodes lie before and behind those of the last two axes, of the last one on a grid of one axis. The result has
+    an axis for each of the grid.
     """
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
@@ -204,8 +209,9 @@ def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> Float
 
 
 def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
-    """Copy values without their ghost nodes into the flat array `out`; padded : functions as `_padded` arranges
-    them by the layout, one behind the other.
+    """Copy functions without their ghost nodes into the array `out` (count x grid.size numbers, any shape).
+
+    padded : functions as `_padded` arranges them by the layout, one after the other.
     """
     planes = padded.reshape(-1, layout.rows + 2 * layout.top, layout.width)
     rows, nodes = slice(layout.top, layout.top + layout.rows), slice(layout.ghosts, layout.ghosts + layout.nodes)
@@ -215,9 +221,10 @@ def _inner(layout: Layout, padded: FloatArray, out: FloatArray) -> None:
 def _field(
     grid: Grid, layout: Layout, parts: FloatArray | tuple[FloatArray, ...], leading: int, dtype: str
 ) -> FloatArray:
-    """Arrange functions, parts (count, leading..., *grid.shape), as the kernels read them: (count, leading..., nodes
-    with ghosts); those that are constant, parts (count, leading...), as one plane that serves for all. leading : how
-    many axes stand between the two.
+    """A new array of functions on the grid as the kernels read them: (count, leading..., nodes with ghosts).
+
+    parts : (count, leading..., *grid.shape); or (count, leading...) if they are constant, of which the result has one
+        plane that serves for all. leading : how many axes stand between `count` and those of the grid.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
@@ -229,7 +236,7 @@ def _field(
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as `stage` reads them (`_arranged`), kept with them where they keep such."""
+    """What `_arranged` makes of velocities; kept with the velocities if they keep such arrays (`Velocities.terms`)."""
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
@@ -238,17 +245,17 @@ def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tu
 
 
 def arranged_bytes(grid: Grid, scheme: Scheme) -> int:
-    """Bytes of a box of velocities at all nodes, lower and upper ones of all axes, as `stage` reads it, with ghost
-    nodes.
-    """
+    """Bytes of what `_arranged` makes of velocities, a box at each node, that depend on the state."""
     layout = layout_of(grid, scheme.order)
     plane = (layout.rows + 2 * layout.top) * layout.width
     return 2 * grid.ndim * np.dtype(scheme.dtype).itemsize * len(layout.near) * plane
 
 
 def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as `stage` reads them: (box,) divided by dx where they are constants; else (box, 1 / dx) or, coupled,
-    (box, 1 / dx, drift, gain), each with ghost nodes.
+    """Velocities as the kernel `stage` reads them, a tuple of flat arrays of `dtype`.
+
+    (box / dx,) where they are constant; else (box, 1 / dx), or for velocities that couple axes (box, 1 / dx, drift,
+    gain). box has the lower velocities of all axes, then the upper ones; all but 1 / dx have ghost nodes.
     """
     spacing, box = np.array(grid.spacing), (velocities.low, velocities.high)
     if isinstance(box[0], np.ndarray) and box[0].ndim == 1 and not velocities.coupled:
@@ -266,8 +273,9 @@ def _arranged(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) ->
 
 
 def _over_time(given: Any, arrange: Callable[[Any], Any]) -> Callable[[float], Any]:
-    """A function of tau with what `arrange` makes of `given`, or, if that is callable, of given(tau); it remembers its
-    last answer.
+    """The function tau -> arrange(given), or tau -> arrange(given(tau)) if `given` is callable.
+
+    `arrange` is called at once in the first case; in the second the last result is kept.
     """
     if callable(given):
         return lru_cache(maxsize=1)(lambda tau: arrange(given(tau)))
@@ -286,26 +294,30 @@ def evolve(
     steps: int | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """Solve d Phi / d tau = H(tau, x, D Phi), Phi(0) = values, Phi >= obstacle and, on a padding, <= `most_on_padding`.
+    """Solve d Phi / d tau = H(tau, x, D Phi) from Phi(0) = values on, up to tau = duration.
+
+    Phi is kept at least as high as the obstacle and, on a padding, at most `most_on_padding`.
 
     Parameters
     ----------
+    grid : Grid
     values : (shape) array
-        Level-set function at the end of the sampling interval.
+        Level-set function at the end of the sampling interval. Not written.
     velocities : Velocities, or callable tau -> Velocities
-        tau counts back from the interval's end.
+        tau counts back from the interval's end, s.
     duration : float
         Length of the interval, s.
+    scheme : Scheme
     obstacle : (shape) array, or callable tau -> (shape) array, optional
         Phi is kept above it at every stage: -g for an avoid game (App. A.3).
     steps : int, optional
         Number of time steps, needed where velocities depend on tau; by default what the CFL condition asks for.
     planes : (shape[:-2]) bool, optional
-        In which planes of the last two axes the solution is needed; what is in others is undefined then.
+        In which planes of the last two axes the solution is needed; the values in others are undefined then.
 
     Returns
     -------
-    (shape) array of the scheme's dtype
+    (shape) array of the scheme's dtype, new
 
     Raises
     ------
@@ -321,8 +333,10 @@ def evolve(
 
 
 def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
-    """The velocities of several inputs as `stage` reads them, with a leading axis for the inputs; None where they are
-    not all of one form, as a constant box beside one that depends on the state.
+    """The velocities of several inputs as `stage` reads them: the tuple of `_arranged`, with a leading axis for inputs.
+
+    1 / dx has no such axis. None where they are not all of one form, such as a constant box beside one that depends on
+    the state.
     """
     terms = [_terms(grid, layout_of(grid, scheme.order), one, scheme.dtype) for one in velocities]
     if len({tuple(part.shape for part in term) for term in terms}) > 1:
@@ -341,10 +355,12 @@ def evolve_each(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """Solve the equation of `evolve` for many inputs at once, from the same `values`: (L, *shape).
+    """Solve the equation of `evolve` for many inputs at once, from the same `values`: a new array (L, *shape).
 
-    groups : of inputs with one number of time steps: (which they are, their velocities from `together`, that number).
-    scratch : arrays that are kept for the next call: fresh memory would cost half of the time on small grids.
+    groups : inputs that have the same number of time steps: (their numbers, their velocities by `together`, that
+        number). All groups together have the inputs 0 to L - 1, each once.
+    scratch : a dict, in which work arrays are kept for the next call; fresh memory would cost half of the time on small
+        grids.
     duration, scheme, obstacle, planes : as for `evolve`.
     """
     out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
@@ -366,16 +382,17 @@ def _evolved(
     scratch: Scratch | None = None,
     planes: FloatArray | None = None,
 ) -> FloatArray:
-    """The solutions of `evolve` for `count` inputs, whose velocities at tau are terms(tau) as `stage` reads them:
-    (count, *shape). duration, scheme, obstacle, steps, planes : as for `evolve`.
+    """The solutions of `evolve` for `count` inputs: (count, *shape). Tells the meter of each stage (`tick`).
 
-    scratch : where arrays to work in are kept for the next call, the result among them until then; None: new ones, for
-        one input. Tells the meter of each stage (`tick`).
+    terms : terms(tau) are the velocities of the inputs as `stage` reads them.
+    scratch : a dict, in which work arrays are kept for the next call with it; the result is one of them, and is
+        overwritten then. None: new arrays, only for count = 1.
+    duration, scheme, obstacle, steps, planes : as for `evolve`.
     """
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
-        """A grid function with ghost nodes, at most `most_on_padding`, as kernels read it; no entries for None."""
+        """A copy of a grid function with ghost nodes, at most `most_on_padding`; for None an array without entries."""
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
@@ -390,9 +407,7 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage from tau = now to then, in place: out = keep out + (1 - keep) (source + dt H), at least the
-        obstacle.
-        """
+        """One stage, in place: out = keep out + (1 - keep) (source + dt H(now)), at least the obstacle at `then`."""
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
@@ -407,8 +422,10 @@ def _evolved(
 
 
 def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
-    """Yield the layout for each stage of so many time steps in turn: it writes the planes that later stages read
-    so that `planes` are right in the end; all of them for None.
+    """Yield the layout for each stage of `steps` time steps, from the first to the last, with the planes it writes.
+
+    planes : those that have to be right in the end; earlier stages write also what later ones read. None: all planes,
+        for ever.
     """
     if planes is None:
         return repeat(layout)
@@ -430,11 +447,12 @@ def evolve_stopped(
     obstacle: Any = None,
     steps: int | None = None,
 ) -> FloatArray:
-    """Solve the equation of `evolve` where the adversary may stop up to `early` s before the end, (*shape): Phi = max
-    over durations from duration - early to duration.
+    """Solve the equation of `evolve` where the adversary may stop up to `early` s before the end: (*shape), new.
 
-    Nothing may depend on tau. Stopping is worth `values`, which are an obstacle for the first `early` s. steps : where
-    early is 0; velocities, scheme, obstacle : as for `evolve`.
+    Phi = max over all durations from duration - early to duration. Velocities and obstacle may not depend on tau if
+    early > 0. Stopping is worth `values`, which therefore are an obstacle for the first `early` s of tau.
+
+    steps : only used where early is 0. values, velocities, duration, scheme, obstacle : as for `evolve`.
     """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)
@@ -451,11 +469,11 @@ def _integrate(
     steps: int,
     dt: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Phi after `steps` time steps of dt with these `stages` (of `STAGES`), and an array that is free: phi and work are
-    both written over.
+    """Phi after `steps` time steps of dt, and an array that is free: phi and work are both overwritten.
 
-    euler(source, out, now, then, keep) : out = keep * out + (1 - keep) * an Euler step of `source` from `now` on, the
-    result being that at `then`.
+    stages : one of `STAGES`.
+    euler : euler(source, out, now, then, keep) writes out = keep out + (1 - keep) (an Euler step of `source` from time
+        `now`); `then` is the time that the result stands for.
     """
     spare = np.empty_like(phi)  # what is never written takes no memory
     for step in range(steps):

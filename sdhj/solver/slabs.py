@@ -31,51 +31,78 @@ from sdhj.table.store import Arrays, Runs, Shapes, Slab
 
 
 class AvoidGame(NamedTuple):
-    """How a danger's avoid game is played slab by slab: along which axis its grid is cut, where the problem's
-    nodes begin on it, and how many nodes beside a slab are played on, too.
+    """How the avoid game of a danger is played slab by slab.
+
+    danger : what is avoided.
+    axis : which axis of the danger's own grid is cut; None where the game is played whole, as it does not depend on the
+        cut.
+    begin : the node of the danger's grid, along `axis`, that is the first node of the problem's grid; a wide grid
+        begins earlier.
+    halo : how many nodes on both sides of a slab are played on, too, so that the slab is right.
+    counted : as in `_OnAxes` of `sdhj.solver.games`.
     """
 
     danger: Danger
-    axis: int | None = None  # which axis of the danger's grid is cut; None where the game knows nothing of it
-    begin: int = 0  # where the problem's first node lies on it
-    halo: int = 0  # nodes beside a slab
-    counted: Mapping[Axes, Any] = {}  # as `HJIGames.counted`
+    axis: int | None = None
+    begin: int = 0
+    halo: int = 0
+    counted: Mapping[Axes, Any] = {}
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """How a solve is cut into slabs, and what games are played on them: all that solving a slab takes beside its
-    arrays. It is sent to other processes, without `kept`, what one process needs time and again.
+    """How a solve is cut into slabs, and what games are played on them: all that a slab takes but its arrays.
 
-    make : creates the games of one interval, as `sdhj.HJI.on` does.
+    It is pickled for other processes, without `kept` and what has been made. One slab is the whole grid, in memory.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+    make : callable
+        Makes the games of a problem's intervals, as `sdhj.HJI.on` does.
+    dtype : {"float32", "float64"}
+        Of the tubes.
+    games : tuple of AvoidGame
+        All avoid games, static and moving.
+    axis : int
+        The axis of the problem's grid that is cut.
+    width : int
+        Nodes of a slab along it (the last slab may have fewer); 0: all.
+    halo : int
+        Nodes on both sides of a slab that reach games are played on, too.
+    counted : mapping
+        Of reach games, as in `_OnAxes` of `sdhj.solver.games`.
+    former : Former, optional
+        An earlier solve in this process, from which all that cannot differ is copied.
+    kept : dict
+        What one process keeps from task to task: "rows", `InputRows` of the only slab, and "patch", the `Patch` of the
+        entry that is being solved, or None.
     """
 
     problem: ReachAvoidProblem
     make: Callable[..., Games]
     dtype: str
     games: tuple[AvoidGame, ...]
-    axis: int = 0  # that is cut
-    width: int = 0  # nodes of a slab; 0: all
-    halo: int = 0  # nodes beside it in the games of being in a set
-    counted: Mapping[Axes, Any] = field(default_factory=dict)  # as `HJIGames.counted`
-    former: Any = None  # an earlier solve in this process, of which what cannot differ is copied
-    kept: dict[str, Any] = field(default_factory=dict, init=False)  # what one slab needs time and again
+    axis: int = 0
+    width: int = 0
+    halo: int = 0
+    counted: Mapping[Axes, Any] = field(default_factory=dict)
+    former: Any = None
+    kept: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __reduce__(self) -> Any:  # without what was kept
-        """Pickle the fields that are given; the games that have been made are not sent."""
+        """Pickled are the fields that were given; `kept` and the games that have been made are not."""
         return Plan, tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     @cached_property
     def avoid(self) -> dict[str, list[AvoidGame]]:
-        """The avoid games by the array of their tubes: "avoid_static", which are the same at all steps, and
-        "avoid_moving".
-        """
+        """The avoid games by the array of their tubes: "avoid_static", the same at all steps, and "avoid_moving"."""
         kinds = {"avoid_static": False, "avoid_moving": True}
         return {name: [game for game in self.games if game.danger.moves == moves] for name, moves in kinds.items()}
 
     @cached_property
     def layout(self) -> Shapes:
-        """The shapes of the table's arrays, and how they are cut into slabs along `axis`."""
+        """The shapes of the table's arrays, and how they are cut into slabs along `axis`; computed once."""
         axes = {name: {i for game in games for i in game.danger.axes} for name, games in self.avoid.items()}
         ascending = {name: tuple(sorted(some)) for name, some in axes.items()}
         width = self.width or self.problem.grid.shape[self.axis]
@@ -83,7 +110,7 @@ class Plan:
 
     @cached_property
     def whole(self) -> Any:
-        """The games on the whole, padded grid; made once. They are those of the only slab."""
+        """The games on the whole, padded grid, made at first use and kept; in a solve with one slab they play it."""
         return self.make(self.problem.padded)
 
     def slab(self, number: int) -> Grid:
@@ -91,12 +118,14 @@ class Plan:
         return slab_window(self.problem.grid, self.axis, self.layout.span(number), 0)[0]
 
     def window(self, number: int) -> tuple[Grid, slice]:
-        """The grid of slab `number` with its halo, and where along the cut axis of it the slab is."""
+        """The grid of slab `number` with its halo, and which nodes of it along the cut axis are the slab."""
         return slab_window(self.problem.grid, self.axis, self.layout.span(number), self.halo)
 
     def play(self, number: int) -> tuple[Grid, Any]:
-        """The grid of slab `number` with its halo, and new games on it; of the only slab the problem's grid, and
-        `whole`, which are kept.
+        """The grid of slab `number` with its halo, and games on it, whose results have the nodes of the slab alone.
+
+        With several slabs the games are new at each call. With one it is the problem's grid without padding, and
+        `whole`, the games on the padded grid.
         """
         if self.layout.slabs == 1:
             return self.problem.grid, self.whole
@@ -104,8 +133,12 @@ class Plan:
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
-        """The games that an avoid game is played by on slab `number`, on its halo too, and the index of the slab in the
-        tubes that they return. Games that know nothing of the cut are played on all of their grid.
+        """The games by which an avoid game is played on slab `number`, and where the slab is in their tubes.
+
+        The second is an index of the tubes' nodes, without the axis of inputs.
+
+        The games are new, on the slab with its halo; a game that is not cut is played on all of its grid, and one on
+        the padded grid of the only slab by `whole`.
         """
         problem, inside = game.danger.problem, game.danger.inside
         if problem is self.problem.padded and self.layout.slabs == 1:
@@ -120,26 +153,31 @@ class Plan:
 
 
 class Task(NamedTuple):
-    """What is to be computed and written on one slab: a tube (k, n), the target's entry (k, 0), or the avoid
-    tubes of a step. Places are those of tubes among the stored ones.
+    """What is to be computed and written on one slab: a tube, the target's entry, or the avoid tubes of a step.
+
+    kind : "goal", the entry (step, 0); "extend", the entry (step, within); "avoid_static" or "avoid_moving".
+    step : the step k; 0 for "avoid_static".
+    position : where the result is written: the position of the tube among the stored ones, or the step of avoid tubes.
+    before, after : only for "extend": the positions of the tubes (step, within - 1) and (step + 1, within - 1).
+    slab : the number of the slab.
     """
 
-    kind: str  # "goal", "extend", "avoid_static" or "avoid_moving"
+    kind: str
     step: int
-    place: int  # of the tube (step, within) among the stored ones, or of the avoid tubes
-    before: int = 0  # ... (step, within - 1)
-    after: int = 0  # ... (step + 1, within - 1)
+    position: int
+    before: int = 0
+    after: int = 0
     slab: int = 0
 
     @property
     def array(self) -> str:
-        """The name of the array that is written: "tubes", "avoid_static" or "avoid_moving"."""
+        """The name of the array that is written: "tubes" (with its marks), "avoid_static" or "avoid_moving"."""
         return "tubes" if self.kind in ("goal", "extend") else self.kind
 
     @property
     def written(self) -> Slab:
-        """The place in the arrays that is written."""
-        return Slab(self.array, self.place, self.slab)
+        """Which part of the arrays is written, as `Memory` and `Store` take it."""
+        return Slab(self.array, self.position, self.slab)
 
 
 # ---- how wide a halo is
@@ -151,8 +189,10 @@ def nodes_read_in_a_step(scheme: Scheme) -> int:
 
 
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
-    """{axes: time steps for each input} that games of method "hji" on these axes take on the whole grid, a list (L,);
-    {} where each slab finds the same by itself: for other methods, and velocities that do not depend on the state.
+    """{axes: time steps (L,) of each input} of games on `axes` on the whole grid, for the `counted` of games on slabs.
+
+    {} for methods other than "hji", and for velocities that do not depend on the state, where each slab finds the same
+    number by itself. The whole grid is gone through in parts, to save memory.
     """
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
@@ -167,8 +207,9 @@ def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[A
 
 
 def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
-    """How many nodes beside a slab, along `axis`, `games.reach` needs for right values on it. counted : see
-    `HJIGames.counted`.
+    """How many nodes on both sides of a slab, along `axis`, reach games read, and so need for right values on it.
+
+    games : those of the whole grid. counted : what `time_steps` returned for their axes, or {}.
     """
     problem = games.problem
     if isinstance(games, HopfLaxGames):
@@ -182,8 +223,9 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
 
 
 def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: Mapping[Axes, Any]) -> int:
-    """How many nodes beside a slab, along `axis`, `games.avoid` needs for right values on it, played on `axes`. counted
-    : see `HJIGames.counted`.
+    """How many nodes on both sides of a slab, along `axis`, avoid games played on `axes` read, and so need.
+
+    games : those of the whole grid of the danger's problem. counted : what `time_steps` returned for `axes`, or {}.
     """
     if isinstance(games, HopfLaxGames) or games.by_formula(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
@@ -193,15 +235,14 @@ def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: M
 
 
 def _most_time_steps(games: HJIGames, axes: Axes, counted: Mapping[Axes, Any]) -> int:
-    """The time steps of the input that needs most, on some axes: from `counted` where it has them, else as the games
-    find.
-    """
+    """The time steps of the input that needs most: from `counted` if it has these axes, else from the games."""
     return max(1, *counted[axes]) if axes in counted else games.steps(axes, 0)
 
 
 def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int) -> AvoidGame:
-    """The avoid game `danger` of a problem, as the method plays it, cut into slabs along an axis of the problem's
-    grid: whole where its grid lacks that axis, else with the halo that it needs.
+    """The avoid game of a danger, as the method plays it, cut into slabs along an axis of the problem's grid.
+
+    It is not cut (axis None) where the danger does not depend on that axis; else it has the halo that it needs.
     """
     if axis not in danger.axes:
         return AvoidGame(danger)
@@ -213,8 +254,10 @@ def in_slabs(method: Any, problem: ReachAvoidProblem, danger: Danger, axis: int)
 
 
 def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tuple[Grid, slice]:
-    """The window of a slab, the nodes span[0] to span[1] - 1 of an axis, with `halo` nodes on both sides, as far as the
-    grid goes; and the slice of the slab in it along the axis. Where a periodic window would meet itself it is the grid.
+    """The window of a slab, with `halo` nodes on both sides, and the slice of the slab in it along `axis`.
+
+    span : (first node, one past the last) of the slab along the axis. A window stops at the ends of a bounded axis and
+        continues around a periodic one; where it would meet itself it is the whole grid.
     """
     (begin, end), n = (span[0] - halo, span[1] + halo), grid.shape[axis]
     if not grid.periodic[axis]:
@@ -225,11 +268,11 @@ def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tupl
 
 
 def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: int = 12, times: int = 1) -> int:
-    """Upper estimate of the bytes that the games of one interval on `grid` take at their peak.
+    """Upper estimate of the bytes that the games of one interval on `grid` take; never more for a smaller grid.
 
-    That is what is sampled; stages with their ghost nodes and shifted copies, as `arrays` arrays of the grid's size and
-    `dtype`; and velocities that depend on the state, which are kept for all inputs, at so many `times`, up to `KEPT`;
-    on small grids all inputs are solved at once (`HJIGames.groups`). Never is more stated for a smaller grid.
+    These are the samples; the stages with ghost nodes and shifted copies, as `arrays` arrays of the grid's size and
+    `dtype`; and velocities that depend on the state, kept for all inputs, at `times` times, up to `KEPT` bytes. On
+    small grids all inputs are solved at once (`HJIGames.groups`).
     """
     dynamics, axes, item, count = problem.dynamics, range(grid.ndim), np.dtype(dtype).itemsize, len(problem.inputs)
     found = grid.sampling_bytes + arrays * item * grid.size
@@ -244,24 +287,28 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     return found
 
 
-def read_window(arrays: Arrays, array: str, place: int, window: Grid) -> FloatArray:
-    """The block `place` of an array (its name: "tubes", ...) at the nodes of a window, around periodic ends too:
-    (*window.shape). A view where it is in one piece.
+def read_window(arrays: Arrays, array: str, position: int, window: Grid) -> FloatArray:
+    """The entry at `position` of an array ("tubes", ...) at the nodes of a window: (*window.shape).
+
+    The window may reach around the ends of a periodic axis.
+
+    A read-only view where it lies in one piece, else a copy.
     """
     first = getattr(window, "first", (0,) * window.ndim)
     runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
-    return _around_ends(arrays, array, place, runs, getattr(window, "whole", window).shape)
+    return _around_ends(arrays, array, position, runs, getattr(window, "whole", window).shape)
 
 
-def _around_ends(arrays: Arrays, array: str, place: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
-    """The part of a block (a place of an array, by its name) with nodes `runs`, (begin, end) of each axis of a
-    grid of shape `whole`; an end past the upper one of a periodic axis goes on at its lower one, where pieces are
-    joined to a copy.
+def _around_ends(arrays: Arrays, array: str, position: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
+    """The part of an entry with the nodes `runs`, (begin, end) of each axis of a grid of shape `whole`.
+
+    array, position : as for `Arrays.read`. An end past the upper one of a periodic axis goes on at the lower one; then
+        pieces are joined to a copy.
     """
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:
             parts = ((begin, whole[axis]), (0, end - whole[axis]))
             cut = [[*runs[:axis], part, *runs[axis + 1 :]] for part in parts]
-            found = [_around_ends(arrays, array, place, one, whole) for one in cut]
+            found = [_around_ends(arrays, array, position, one, whole) for one in cut]
             return np.concatenate(found, axis=axis - len(runs))
-    return arrays.read(array, place, runs)
+    return arrays.read(array, position, runs)

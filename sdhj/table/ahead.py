@@ -22,10 +22,12 @@ def prepared(
 ) -> Tape:
     """All that compiled look-ups read of a problem at a step, packed into one `Tape` in their order.
 
-    These are the grid and its ends, the instants of the check against the true sets, under which inputs each set is
-    unsafe, and tapes.
-    axes : those of the static and of the moving avoid tubes, two int arrays. tapes : `tapes_of` the problem, or
-    `NO_TAPES`. checks : whether the true sets are looked at; if not, there are no instants.
+    These are the grid and its ends, the axes of the avoid tubes, the instants at which the true sets are looked at,
+    under which inputs each set is unsafe, and the formulas of sets and paths.
+
+    axes : the axes of the static and of the moving avoid tubes, two int arrays.
+    tapes : `tapes_of` the problem, or `NO_TAPES` where a set is a black box.
+    checks : whether the true sets are looked at; if not, there are no instants.
     """
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
@@ -42,14 +44,15 @@ def prepared(
 
 
 def conditional(problem: ReachAvoidProblem) -> bool:
-    """Whether some set of a problem is unsafe under some inputs only."""
+    """Whether some unsafe set of a problem is unsafe under some inputs only."""
     return any(part.inputs is not None for part in problem.unsafe)
 
 
 def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
-    """The arrays of three programs on state and time: the paths under all inputs, the unsafe sets and the target.
+    """Three programs on state and time, as arrays for compiled code: of the paths, the unsafe sets, the target.
 
-    The first is empty where there is no formula of the paths, the others where there are no such sets.
+    The first has the ends of the paths under all inputs, and is empty where there is no formula of these; the others
+    are empty where there are no such sets. The level-set functions must be formulas.
     """
     ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
@@ -58,13 +61,13 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
 
 
 def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
-    """The level-set function of a set, which reads its own axes, as a graph that reads the whole state.
+    """The level-set function of a set as a graph that reads the whole state, instead of the set's own axes.
 
-    The time is one more coordinate, of number `time`.
+    time : the number of the coordinate that stands for t, behind those of the state.
     """
 
     def put(one: Node) -> Node | None:
-        """A leaf of the set's function as the coordinate of the state that it is; the time as coordinate `time`."""
+        """What replaces a leaf of the set's function: a coordinate of the state, the time, or None."""
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
     return rebuilt(part.level_set.outputs, put)[0]
@@ -73,11 +76,13 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
 def choose_by_true_sets(
     table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
 ) -> None:
-    """Check some rows of a batch by the true sets, in Python as `sdhj.kernels.lookup.decide` does in compiled code.
+    """Check some rows (R,) of a batch by the true sets, as `sdhj.kernels.lookup.decide` does, but in Python.
 
-    For level-set functions of any kind. Writes into the batch: `best`, the input of least score that passes; inputs
-    that fail are no longer safe, and states in an unsafe set or outside the target get other steps_to_go.
-    rows (R,) : of the batch. ends (4 + K, L, ndim, 1 or R), scores (M, L) and checks are those of `decide`.
+    It takes level-set functions of any kind. It writes into the batch: `best` becomes the input of least score that
+    passes; inputs that fail are no longer `safe`; steps_to_go of a state in an unsafe set becomes -1; and 0 becomes 1,
+    or -1 at the last step, where the true target does not have the state.
+
+    table : the `Table`. ends (4 + K, L, ndim, 1 or R), scores (M, L), checks : as in `decide`.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]

@@ -14,15 +14,17 @@ ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time
 
 
 def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
-    """A level-set function (points (M, ndim), t) -> (M,): at a sampling time t_k the tube of step k, interpolated.
+    """A level-set function (points (M, ndim), t) -> (M,): at the time t_k of a step the step's tube, interpolated.
 
-    At other times it is 1: nothing is inside. If nothing depends on time it is the one tube at any time.
-    values : the tubes at the nodes, each of grid.shape, of the steps 0 to N; one, if nothing depends on time.
+    At other times it is 1 everywhere: nothing is inside. If nothing depends on time, the one tube is meant at any time.
+
+    values : the tubes at the nodes, each of grid.shape, of the steps 0 to N; one, if nothing depends on time. They are
+        copied.
     """
     tubes = [_tube(problem.grid, one) for one in values]
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """The tube of the step at time t, interpolated at points; 1 at other times."""
+        """The tube of the step at time t, s, interpolated at points (M, ndim); 1 at other times."""
         if problem.time_invariant:
             return tubes[0](points)
         value = np.ones(len(points))
@@ -34,7 +36,10 @@ def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Ca
 
 
 def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """The function of points (M, ndim) that interpolates values (grid.shape); beyond bounded axes max(1, values)."""
+    """The function of points (M, ndim) that interpolates values (*grid.shape), which are copied.
+
+    Off a bounded axis, by more than `SLACK` of a cell, it is max(1, the greatest of the values), which is outside.
+    """
     beyond = max(float(values.max()), 1.0)
     periodic, spacing = np.array(grid.periodic), np.array(grid.spacing)
     table = gridded(np.pad(values, [(0, int(turns)) for turns in periodic], mode="wrap"), grid.lower, spacing)
@@ -42,7 +47,7 @@ def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
     least, greatest = (grid.lower - SLACK * spacing)[bounded], (grid.upper + SLACK * spacing)[bounded]
 
     def tube(points: FloatArray) -> FloatArray:
-        """The interpolated tube at points; `beyond` where they are off a bounded axis."""
+        """The interpolated tube at points (M, ndim); `beyond` where they are off a bounded axis."""
         places = points[:, bounded]
         outside = ((places < least) | (places > greatest)).any(axis=1)
         return np.where(outside, beyond, table(points)) if bounded.size else table(points)

@@ -53,8 +53,9 @@ class Batch(NamedTuple):
         The safe input of least depth; if no input is safe, the best one, without a promise. -1 for states that are not
         admissible, and at the last step.
     game : (M, L) array, or None
-        Of tables on a grid for ever, whose margins are distances: three quarters of the game's largest value over the
-        states to which the input and any disturbance can lead, and a quarter of its value amid them.
+        Only of tables on a grid that stay clear for ever, whose margins are distances: three quarters of the game's
+        largest value over the states to which the input and any disturbance can lead, and a quarter of its value in the
+        middle of them.
     """
 
     states: FloatArray
@@ -68,28 +69,29 @@ class Batch(NamedTuple):
 
     @property
     def depths(self) -> FloatArray:
-        """By which inputs are preferred, the least first: the game's value, or the margins where they are that."""
+        """What inputs are preferred by, the least first: `game` if there is one, else the margins; (M, L)."""
         return self.margins if self.game is None else self.game
 
     @property
     def steps_after(self) -> FloatArray:
-        """Steps to go after this interval, by which the inputs of admissible states were judged: (M,)."""
+        """Steps to go after this interval, by which the inputs of admissible states were judged: (M,) int."""
         return np.maximum(self.steps_to_go, self.within) - 1
 
     def sealed(self) -> "Batch":
-        """This batch with read-only arrays."""
+        """A batch with read-only views of these arrays; the originals, which they share, stay writable."""
         return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
 
     @property
     def promised(self) -> FloatArray:
-        """Whether some input is safe, so that the promise of the tube can be kept, up to interpolation: (M,) bool."""
+        """Whether some input is safe, so that the promise can be kept, up to interpolation: (M,) bool."""
         return np.logical_or.reduce(self.safe, axis=1)
 
 
 def entry(steps: int, start: int, within: int) -> int:
-    """Position of (start, within) in a list of all entries, the rows of Fig. 8 one after the other.
+    """Position of (start, within) in a list of all entries, the rows k of Fig. 8 one after the other.
 
-    It is k (N + 1) - k (k - 1) / 2 + n; arrays of starts or withins give arrays.
+    It is k (N + 1) - k (k - 1) / 2 + n, for N = steps, k = start, n = within from 0 to N - k; arrays of starts or
+    withins give arrays. Nothing is checked.
     """
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
@@ -102,7 +104,23 @@ class Table:
     where an argument does not fit.
 
     A subclass for a new method is a dataclass with the fields `details` and `player`, and implements `problem`,
-    `method`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here.
+    `method`, `index`, `values`, `inputs`, `save`, and the methods marked "To be implemented" here. What a table has
+    does not change; look-ups keep what they compute, and may be made from several threads.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        What was solved; of a problem with steps=None with the number of steps that it took.
+    method : str
+        The name of the method.
+    details : mapping
+        Options of the method and statistics of the solve.
+    index : (entries,) int array
+        For each (start, within), in the order of `entry`, the position of its tube among the stored ones.
+    proved : bool
+        Whether the answers are proved, so that checking the true sets adds nothing.
+    player : callable, or None
+        Simulates runs for `played`.
     """
 
     problem: ReachAvoidProblem
@@ -122,12 +140,12 @@ class Table:
 
     @property
     def game(self) -> int:
-        """Of a table on a grid that stays clear for ever the place of the game's value among the tubes; else -1."""
+        """Position of the game's value in `tubes`, for a table on a grid that stays clear for ever; else -1."""
         return -1
 
     @cached_property
     def steps(self) -> int:
-        """N, the number of steps."""
+        """N, the number of steps; of a problem with steps=None as many as its table has."""
         return self.problem.most_steps
 
     def __repr__(self) -> str:
@@ -216,19 +234,20 @@ class Table:
     # ---- sets
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function of the tube within so many steps, by default all: (points (M, ndim), t) -> (M,).
+        """The tube as a level-set function (points (M, ndim), t) -> (M,), for `TargetSet.from_table`.
 
-        At t_k it is the tube of step k, interpolated, at other times 1, unless nothing depends on time. ValueError if
-        `within` is none from 0 to N.
+        At t_k it is the tube of step k with min(within, N - k) steps to go, interpolated; at other times it is 1,
+        nothing is inside. If nothing depends on time, it is the tube of step 0 at any time. within : None stands for N;
+        ValueError if it is none from 0 to N.
         """
         most = self.steps if within is None else whole("within", within, least=0, most=self.steps)
         steps = range(1) if self.problem.time_invariant else range(self.steps + 1)
         return interpolated(self.problem, [self.values(start=step, within=most) for step in steps])
 
     def clipped(self, start: int, within: int | None) -> tuple[int, int]:
-        """The pair (start, within); a `within` that is None or above N - start becomes N - start.
+        """The pair (start, within), checked; a `within` that is None or above N - start becomes N - start.
 
-        ValueError if start is none from 0 to N, or within no whole number from 0 on.
+        ValueError if start is no whole number from 0 to N, or within none from 0 on.
         """
         steps = self.steps
         start = whole("start", start, least=0, most=steps)
@@ -236,7 +255,7 @@ class Table:
         return start, left if within is None else min(whole("within", within, least=0), left)
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """Position of the tube (start, within), clipped and checked by `clipped`, among the stored ones."""
+        """Position of the tube (start, within) among the stored ones; the pair is checked and clipped by `clipped`."""
         return int(self.index[entry(self.steps, *self.clipped(start, within))])
 
     def contains(self, points: FloatArray, *, start: int = 0, within: int | None = None) -> FloatArray:
@@ -308,10 +327,11 @@ class Table:
 
     @cached_property
     def cell(self) -> float:
-        """By how much the value of the whole tube changes over a cell at its boundary, along the gradient; 0 of none.
+        """By how much the value of the whole tube, (0, N), changes over a cell at its boundary; 0 if none is found.
 
-        Of `PROBES` states drawn at random the median of |dV/dx_i| h_i on each axis i, whose nodes are h_i apart, over
-        the states that the boundary is within half a cell of, along that axis; and the root of the sum of squares.
+        On each axis i, whose nodes are h_i apart, the median of |dV/dx_i| h_i over those of `PROBES` random states (of
+        seed 0) that the boundary is within half a cell of, along that axis; of these the root of the sum of squares.
+        Computed once.
         """
         grid, slopes = self.grid, list[float]()
         states = np.random.default_rng(0).uniform(grid.lower, grid.upper, (PROBES, grid.ndim))
@@ -322,11 +342,15 @@ class Table:
         return float(np.linalg.norm(slopes))
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """To be implemented: whether points (M, ndim) are in the tube as it was computed, (M,) bool."""
+        """To be implemented: whether points (M, ndim) are in the tube as it was computed, (M,) bool.
+
+        start and within have been clipped, and the points are finite or infinite, but no NaN. The true sets are not
+        looked at.
+        """
         raise NotImplementedError
 
     def _share(self, start: int, within: int) -> float:
-        """To be implemented: the share of the grid's volume in the tube (start, within), from 0 to 1."""
+        """To be implemented: the share, 0 to 1, of the grid's volume in the tube; the pair is clipped."""
         raise NotImplementedError
 
     # ---- states
@@ -368,9 +392,12 @@ class Table:
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """The answers for states (M, ndim) that have been checked, and that nobody writes; otherwise as `batch`.
+        """What `batch` says of states (M, ndim) that are finite and that nobody writes later; they are not copied.
 
-        scores (M, L): `best` is the safe input of least score that passes, of equals that of least depth, if any does.
+        An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. `within` is at most N
+        - step; without a target it is ignored, and is N - step. scores : (M, L), `best` is the safe input of least
+        score that also passes the check with the true sets, and of equals that of least depth; None: by depth alone.
+        ValueError where `step` is none from 0 to N.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
@@ -386,10 +413,12 @@ class Table:
         return batch
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch: `best` is the safe input of least score (M, L) that the true sets pass.
+        """Fill in some rows (R,) of a batch in place, and check them by the true sets; several threads call it at once.
 
-        checks : `TRUE_SETS_TOO`: all is found by the tubes first; `TRUE_SETS_ONLY`: what is in the batch is only
-        checked.
+        `best` becomes the safe input of least score (M, L) that the true sets pass; inputs that fail before it are
+        removed from `safe`, and steps_to_go of a state in an unsafe set becomes -1.
+        checks : `TRUE_SETS_TOO`: all fields are computed from the tubes first, and are those of a state that is not
+            admissible where it is in an unsafe set. `TRUE_SETS_ONLY`: all fields have been filled in before.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
         if checks == TRUE_SETS_TOO:
@@ -398,14 +427,18 @@ class Table:
 
     @cached_property
     def normals(self) -> FloatArray | None:
-        """Normals (K, ndim) of the planes that inputs lead between (`Interval.normals`); None if none, or if proved."""
+        """Normals (K, ndim) of the planes between which inputs lead (`Interval.normals`); None if there are none.
+
+        None also for proved tables, whose inputs are not checked. Computed once.
+        """
         normals = self.problem.interval(0).normals
         return normals if normals.size and not self.proved else None
 
     def packed_at(self, step: int) -> Tape:
-        """The problem at a step as compiled look-ups read it (`prepared`), with a copy of its maps; kept for the next.
+        """The problem at a step as compiled look-ups read it, as `prepared` makes it; kept for later calls.
 
-        If nothing depends on time, one for all steps but the last. Above `MOST_KNOWN` bytes all are forgotten.
+        If nothing depends on time, one is made for the last step and one for all others. When those that are kept
+        exceed `MOST_KNOWN` bytes, all are forgotten before the next is made.
         """
         place = self.steps * (step == self.steps) if self.problem.time_invariant else step
         if (found := self._packed.get(place)) is None:
@@ -416,21 +449,23 @@ class Table:
 
     @cached_property
     def _packed(self) -> dict[int, Tape]:
-        """The tapes that `packed_at` has made and keeps, by the step."""
+        """The tapes that `packed_at` keeps, by the step; a dict that it writes."""
         return {}
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """To be implemented: fill in some rows (R,) of a batch from the tubes, before the true sets are looked at.
+        """To be implemented: fill in some rows (R,) of a batch in place from the tubes alone, without the true sets.
 
-        ends (4 + K, L, ndim, 1 or R) : what inputs lead to from these rows (`Interval.ahead`). Without a target
-        steps_to_go is 0 for states in the tube.
+        That is steps_to_go, safe, margins, game if there is one, and best by depth. ends (4 + K, L, ndim, 1 or R) :
+        what inputs lead to from the states of these rows (`Interval.ahead`). Without a target steps_to_go is 0 for
+        states in the tube, else -1. Called from several threads at once, for different rows.
         """
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L) that `passes`, of equals that of least depth: (M,).
+        """For each state the safe input of least score (M, L) that the true sets pass: (M,) int.
 
-        If no input is safe, it is `Batch.best`.
+        Of equals it is that of least depth; if no safe input passes, it is `Batch.best`. The batch, which this table
+        has answered, is not changed.
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
@@ -438,7 +473,10 @@ class Table:
         return checked.best
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
-        """To be implemented by proved tables: which input a built-in rule prefers for each state of a batch, (M,)."""
+        """To be implemented by proved tables: which input each state of a batch gets by a built-in rule, (M,) int.
+
+        rule : a name of `RULES`. -1 for states that are not admissible and at the last step.
+        """
         raise NotImplementedError
 
     def next_bounds(
@@ -446,11 +484,12 @@ class Table:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The box in which a controller that remembers goes on, and how far from it the next measurement may be.
 
-        Its lower and upper corners, (M, ndim) each: where the undisturbed paths end, for the longest and the shortest
-        interval, widened by `problem.error_growth` and clipped to the grid. Last 2 E, (ndim,) or (M, ndim): E of the
-        prediction and E of the point; E alone where the state is known to be at a wall.
+        Returns the lower and the upper corner, (M, ndim) each: the ends of the undisturbed paths for the longest and
+        the shortest interval, by `STRIDES` Runge-Kutta steps, widened by `problem.error_growth` and clipped to the
+        grid; and 2 E, (ndim,) or (M, ndim): E of the prediction and E of the point, or E alone where the state is known
+        to be at a wall.
 
-        points (M, ndim), inputs (M,), step : what it carried to a step, and the inputs that it applied then.
+        points : (M, ndim), what the controller carried to the step. inputs : (M,) int, what it applied then. step : k.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still, (longest, early) = (
@@ -469,11 +508,13 @@ class Table:
     def next_points(
         self, points: FloatArray, inputs: FloatArray, step: int, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The points (M, ndim) with which a controller goes on that remembers, and where it cannot: bool (M,).
+        """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: bool (M,).
 
-        points, inputs (M,), step : as in `next_bounds`
-        seen (M, ndim) : the predictions of the next step, to which the points are clipped (*Memory* in
-        `sdhj.problem.sensing`). It cannot go on where one is farther away than errors explain, and begins anew with it.
+        The points are the predictions `seen` (M, ndim) of the next step, clipped to the box of `next_bounds` (*Memory*
+        in `sdhj.problem.sensing`). A controller cannot go on where a prediction is farther from the box than errors
+        explain; its point is then the prediction, with which it begins anew.
+
+        points, inputs, step : as in `next_bounds`.
         """
         low, high, off = self.next_bounds(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
@@ -485,12 +526,15 @@ class Table:
         return np.where(anywhere | lost[:, None], seen, np.clip(near, low, high)), lost
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Check one input (M,) for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
+        """Check one input for each of the states (M, ndim) with the true sets, without interpolation: bool (M,).
 
-        It passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at the
-        interval's end, at the corners of what it can lead to; and if the target holds these corners where `left` (M,),
-        the steps to go then, is 0 (point 6 of `notebooks/site/queries.md`). What is past a safe end no longer matters.
-        Proved tables pass every input.
+        An input passes if the true unsafe sets are not met at the state, at instants of the undisturbed path and, at
+        the interval's end, at the corners of what it can lead to; and, where `left` is 0, if the target holds these
+        corners (point 6 of `notebooks/site/queries.md`). What is past a safe end no longer matters. Proved tables pass
+        every input.
+
+        inputs : (M,) int, indices into problem.inputs. step : k, at which they start. left : (M,) int, the steps to go
+            after the interval.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
@@ -529,7 +573,7 @@ class Table:
         return self._hazards(states_array("states", states, self.grid.ndim), step)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """To be implemented: the values (M, L) of the avoid tubes of a step at states (M, ndim), as `hazards` says."""
+        """To be implemented: the avoid tubes' values (M, L), as `hazards` says, at states (M, ndim) that are finite."""
         raise NotImplementedError
 
     def values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
@@ -568,7 +612,7 @@ class Table:
         return self._values_at(points, step, within)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """To be implemented: values (M, V) at points (M, V, ndim) of the tubes (step, within[m]), checked before."""
+        """To be implemented: values (M, V), as `values_at` says, at points (M, V, ndim); all arguments are checked."""
         raise NotImplementedError
 
     # ---- to be implemented
@@ -592,12 +636,17 @@ class Table:
 
 
 def threads() -> int:
-    """The number of threads that share a batch: the cores that this process may use."""
+    """How many threads share a batch: the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` for parts (R,) of the row numbers of states (M, ndim), each once; many on all cores at once."""
+    """Call `work(rows)` for parts (R,) of the row numbers of states (M, ndim), int, so that each row comes once.
+
+    Up to `CHUNK` states come in one call, in their order, in this thread; none at all if M is 0. More are sorted by the
+    cell of the grid that they are in, and `work` is called from several threads at once. An error in `work` is raised
+    here.
+    """
     if len(states) <= CHUNK:
         if len(states):
             work(np.arange(len(states)))
@@ -608,9 +657,10 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 
 
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
-    """An order (M,) of states (M, ndim) in which those of neighbouring cells, which read the same nodes, are together.
+    """An order (M,) int of states (M, ndim) in which those that read the same nodes are close together.
 
-    Cells are merged until their numbers fit into 16 bits, which are sorted ten times as fast.
+    States are sorted by the cell of the grid that they are in, or nearest to. Cells are merged until their numbers fit
+    into 16 bits, which are sorted ten times as fast.
     """
     lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)

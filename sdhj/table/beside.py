@@ -36,11 +36,12 @@ class Fallback:
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """For states (M, ndim) the input whose avoid tube is deepest, for how many steps it is promised to stay clear (0 or
-    1), and the value of that tube: each (M,), as in `Fallback`.
+    """The input whose avoid tube is deepest, for each of the states (M, ndim), which are finite: three arrays (M,).
 
-    Inputs that fail the check against the true sets come last. Among equally deep tubes, as where nothing is unsafe,
-    the input of the least margin is chosen (`_margins`). ValueError if step is none from 0 to N - 1.
+    These are the inputs, for how many steps they are promised to stay clear (0 or 1), and the values of their avoid
+    tubes, as in `Fallback`. Inputs that fail the check against the true sets come last. Among equally deep tubes, as
+    where nothing is unsafe, the input of the least margin is chosen (`_margins`). ValueError if step is none from 0 to
+    N - 1.
     """
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
@@ -58,9 +59,10 @@ def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, 
 
 
 def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
-    """For states (M, ndim) and each input the largest value of the next step's tube with all steps left: (M, L).
+    """For states (M, ndim) and each input the largest value of the next step's tube, all steps left: (M, L).
 
-    It is looked for at the corners of the box that the input can lead to in the interval from `step`.
+    It is looked for at the corners of the box that the input can lead to in the interval from `step`; between them it
+    may be larger.
     """
     sides = _sides(table.grid.ndim)
     ends = states[:, None, None] + table.problem.interval(step).reaches(states, sides)  # (M, L, corners, ndim)
@@ -72,20 +74,20 @@ def _margins(table: Table, states: FloatArray, step: int) -> FloatArray:
 
 @cache
 def _sides(ndim: int) -> FloatArray:
-    """The corners of a box, (2^ndim, ndim): whether each is at the upper end of an axis."""
+    """The corners of a box, (2^ndim, ndim): 0 or 1 for the lower or upper end of an axis. Cached, to be read only."""
     return np.array(list(product((0.0, 1.0), repeat=ndim)))
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """The answer of `Controller.filter` for M states; for a single state, numbers and one command without the M.
+    """The answer of `Controller.filter` for M states; for a single state the fields lack the axis of states.
 
     Attributes
     ----------
     inputs : (M,) int
         Indices into problem.inputs of the inputs to apply.
     commands : (M, m)
-        These inputs.
+        The values of these inputs, problem.inputs[inputs].
     changed : (M,) bool
         Whether they differ from the wanted ones. They always do if a command between the quantised inputs was wanted,
         because only quantised inputs are solved for.
@@ -107,14 +109,15 @@ class Filtered:
 
 
 def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
-    """Squares of the distances (M, L) from commands (M, m) to inputs (L, m), added up in the order of components."""
+    """Squared Euclidean distances (M, L) from commands (M, m) to inputs (L, m), added component by component."""
     return np.asarray(np.add.reduce(np.square(inputs.T[:, None] - commands.T[:, :, None])))
 
 
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
-    """What was wanted as commands (count, m), and as indices (count,) if indices were given, else None.
+    """What was wanted, as commands (count, m), and as indices (count,) if indices were given, else None.
 
-    inputs (L, m) : the problem's. given : one index or command for each of `count` states. ValueError if it is neither.
+    inputs : (L, m), the problem's. given : for each of `count` states the index of an input, or a command. ValueError
+        if it is neither, or is not finite.
     """
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
@@ -130,10 +133,10 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
 
 
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
-    """Where measurements (M, ndim) of step k will be after the delay under the previous inputs (M,): (M, ndim).
+    """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim).
 
-    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; a measurement that is
-    off the grid by more than its error is what is predicted.
+    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; for a measurement
+    that is off the grid by more than its error, the measurement itself. ValueError if a measurement is not finite.
     """
     delay, grid = problem.sensing.delay, problem.grid.walled
     measured = states_array("a measurement", measured, grid.ndim)

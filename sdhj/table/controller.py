@@ -41,8 +41,8 @@ class NotAdmissible(ValueError):
     """
 
 
-def _done(state: FloatArray, step: int) -> str:
-    """The message of an error about a state (ndim,) in the target that no input is proved to bring back into it."""
+def _message_in_target(state: FloatArray, step: int) -> str:
+    """The message of an error about a state (ndim,) in the target that no input is proved to lead back into it."""
     return (
         f"state {state.tolist()} is in the target at step {step}, and no input is proved to bring it back into the "
         "target one step later; the task is done, or use fallback()"
@@ -66,7 +66,7 @@ class Action:
     late : float
         How long after its sampling time the measurement was taken, s; negative if before.
     missed : bool
-        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement; or,
+        Whether a deadline was missed: `late` exceeds the jitter of the problem, or step - 1 had no measurement. Or,
         where the controller remembers (`Sensing.memory`), whether the measurement is farther from what was possible
         than its error allows, so that an assumption broke. The loop then begins anew, with this measurement alone.
     """
@@ -106,6 +106,19 @@ class Controller:
         if none does, "deepest" decides. A rule with an attribute `all_left` that is true, as `sdhj.CostToGo`, is asked
         of all inputs after which the target can still be reached by the last step (`allowed`), and the step has to be
         given always: `safe_inputs`, `batch` and `step` speak of these inputs, too.
+
+    Attributes
+    ----------
+    table, problem, rule
+        As given; the problem is that of the table.
+    all_left : bool
+        Whether the rule chooses among all inputs after which the target can be reached by the last step.
+    timed : bool
+        Whether answers depend on the step, which then has to be given.
+    last : Action or None
+        The last answer of `step`.
+    remembered : (array, int) or None
+        The point (ndim,) that `step` has carried to its last answer, and the step of this.
 
     Raises
     ------
@@ -252,7 +265,7 @@ class Controller:
             held = np.array([whole("before", before, least=-1, most=len(self.problem.inputs) - 1)])
         chosen = int(self.choose(batch, held)[0])
         if chosen == NOT_ADMISSIBLE:  # -1 would be taken for the last input
-            raise NotAdmissible(_done(batch.states[0], batch.step))
+            raise NotAdmissible(_message_in_target(batch.states[0], batch.step))
         return chosen
 
     def fallback(self, q: FloatArray, step: int | None = None) -> "Fallback":
@@ -290,13 +303,15 @@ class Controller:
         return Fallback(int(chosen[0]), int(promised[0]), float(hazards[0]))
 
     def _at(self, step: int | None) -> int:
-        """The step of a query, 0 where it is left out; ValueError where it is and the answer depends on time."""
+        """The step of a query, 0 where it was left out; ValueError where the answer depends on time then."""
         if step is None and self.timed:
             raise ValueError("the answer depends on time: give the step, for example select(q, step=0)")
         return 0 if step is None else step
 
     def _within(self, step: int) -> int:
-        """The `within` of `Table.batch` for queries of a step: all steps left for a rule with `all_left`, else 1.
+        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` all that are left.
+
+        It is at least 1.
 
         ValueError, for such a rule, if step is none from 0 to N.
         """
@@ -310,7 +325,7 @@ class Controller:
     ) -> Batch:
         """The answers for one state q (ndim,), a batch of M = 1; ValueError if q or step does not fit.
 
-        within, scores (1, L) : as in `Table.answers`; `within` is by default `_within(step)`.
+        within : as in `Table.answers`; None: `_within(step)`. scores : (1, L), as in `Table.answers`.
         """
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
@@ -321,7 +336,10 @@ class Controller:
         return self.table.answers(state[None], step, self._within(step) if within is None else within, scores)
 
     def _admissible(self, q: FloatArray, step: int | None) -> Batch:
-        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it."""
+        """The answers for one state q (ndim,), a batch of M = 1; NotAdmissible, with the reason, if no tube has it.
+
+        ValueError if q or step does not fit.
+        """
         batch = self._query(q, step)
         if batch.steps_to_go[0] == NOT_ADMISSIBLE:
             raise NotAdmissible(self._explain(batch.states, batch.step))
@@ -331,7 +349,7 @@ class Controller:
         """The message of `NotAdmissible`: why a state (1, ndim) is not admissible at a step, and what helps."""
         within, details = self.table.steps - step, self.table.details
         if self.table.proved and self._in_target(states[0], step):
-            return _done(states[0], step)
+            return _message_in_target(states[0], step)
         if self.problem.refuted(states, step, 1)[0]:
             where = "it is in the unsafe set"
         elif self.problem.grid.beyond(states, "fails", "holds")[0]:
@@ -510,10 +528,11 @@ class Controller:
         return self.last
 
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
-        """The sampling time k nearest to a time, s, by how much `time` is later, s, and whether a deadline was missed.
+        """(k, late, missed): the sampling time k nearest to a time, s, how much later `time` is, and a missed deadline.
 
-        It was if `time` is off by more than the jitter, or if the last measurement answered was not that of k - 1.
-        ValueError where k is none of the table's, or has been answered.
+        k = 0 begins a new loop. A deadline was missed if `late` is more than the jitter either way, or if the last
+        answer of `step` was not for k - 1. ValueError where k is none of the table's, or has been answered in this
+        loop.
         """
         problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
@@ -527,9 +546,10 @@ class Controller:
         return k, late, abs(late) > problem.sensing.jitter + CLOCK * max(problem.delta, time) or k != after + 1
 
     def _in_target(self, state: FloatArray, step: int) -> bool:
-        """Whether a state (ndim,) is in the true target and clear of the true unsafe sets, whatever its cell is.
+        """Whether a state (ndim,) is in the true target and clear of the true unsafe sets at a step.
 
-        False off the grid, without a target, and with sensing, where the true state is not known.
+        By the level-set functions, whatever the cell of a certified table is. False off the grid, without a target, and
+        with a `Sensing`, where the true state is not known.
         """
         problem, t, points = self.problem, self.problem.time(step), self.problem.grid.wrapped(state[None])
         if problem.has_no_target or problem.sensing or problem.grid.beyond(points, "fails", "holds", "frees")[0]:
@@ -638,9 +658,10 @@ class Controller:
         return Filtered(*(field[0] for field in answer) if single else answer)
 
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
-        """The answer of `filter` for one state q (ndim,) and one index or command of a proved table, in half the time.
+        """The answer of `filter` for one state q (ndim,) of a proved table, in half the time; or None.
 
-        None, and the general way is to be taken, where no input is safe or `wanted` is not a valid int or float array.
+        wanted : the index of an input, or a command (m,). None, so that the general way is to be taken, where no input
+            is safe, or `wanted` is not a valid int or float array.
         """
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
@@ -706,9 +727,10 @@ class Controller:
         return self.table.preferred(batch, self._reserved(batch, scores, np.inf))
 
     def allowed(self, batch: Batch) -> FloatArray:
-        """Which of the safe inputs keep `SHIELDED` cells, or else the one of least margin, for each state: bool (M, L).
+        """Which of the safe inputs a rule with `all_left`, and the filter, may choose for each state: bool (M, L).
 
-        Of a certified table, and of one that holds for ever (`_reserved`), all that are safe.
+        For a table on a grid those with margin <= -SHIELDED * Table.cell or, where no input has, those of the least
+        margin; for a certified table, or one that holds for ever, all that are safe: `batch.safe` itself.
         """
         if self.table.proved or batch.game is not None:
             return batch.safe
@@ -716,11 +738,11 @@ class Controller:
         return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
-        """The scores (M, L); for ever, on a grid, of the inputs that keep a reserve, and `otherwise` for all others.
+        """The scores (M, L) with `otherwise` for inputs that keep no reserve; only for ever, on a grid.
 
         An input keeps it if margin <= -RESERVE and value <= DEPTH_KEPT * (the least value of the safe inputs). The
         margin is a distance, and lasts until its very last step; what is left of the depth says how much room there
-        still is to turn aside.
+        still is to turn aside. Of other tables `scores` itself is returned.
         """
         if batch.game is None:
             return scores
@@ -728,14 +750,20 @@ class Controller:
         return np.where((batch.margins <= -RESERVE) & (batch.game <= DEPTH_KEPT * deepest), scores, otherwise)
 
     def checked(self, batch: Batch) -> FloatArray:
-        """Which inputs are safe for each state of a batch (`batch`), also by the true sets: bool (M, L)."""
+        """Which inputs are safe for each state of a batch, also by the true sets: bool (M, L), new.
+
+        `Batch.safe` alone is by the tubes, and only as far as `best` was looked for also by the true sets.
+        """
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()
         safe[rows, inputs] = self.table.passes(batch.states[rows], inputs, batch.step, batch.steps_after[rows])
         return safe
 
     def scores(self, candidates: Candidates) -> FloatArray:
-        """The rule's score for each candidate, (P,); ValueError where it has another shape or a NaN."""
+        """The rule's score for each of P candidates: (P,).
+
+        A function of the user is given read-only arrays. ValueError where its answer has another shape or a NaN.
+        """
         if callable(self.rule):
             answer = self.rule(replace(candidates, batch=candidates.batch.sealed()))
         else:

@@ -36,10 +36,10 @@ LEAST_WEIGHT = 1e-3  # of the nodes in the tube around a state, for the cost to 
 class _Cost:
     """A cost along a run: the sum, or the maximum, of the costs of its intervals and of its end.
 
-    of : the cost of an interval, for each of P candidates (P,).
-    end : the cost at the end of a run, for states (M, ndim) at a time.
-    join : np.add or np.maximum.
-    nothing : the cost of a run that goes on where nothing matters any longer, past a safe end.
+    of : a function of P candidates that returns the cost of their intervals, (P,).
+    end : end(problem, states (M, ndim), t) returns the cost of a run that ends there at time t, (M,); by default 0.
+    join : np.add or np.maximum, by which costs are joined.
+    nothing : the cost of the rest of a run that is past a safe end, where nothing matters any longer.
     """
 
     of: Rule
@@ -95,6 +95,15 @@ class CostToGo:
     progress : bool, optional
         Show a progress bar; by default where standard error is a terminal.
 
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        That of the table.
+    name : str
+        The cost's name, as in errors.
+    all_left : bool
+        True: a controller asks this rule of all inputs after which the target can still be reached by the last step.
+
     Raises
     ------
     ValueError
@@ -145,7 +154,7 @@ class CostToGo:
         read_only((self._values,))
 
     def _at(self, judge: Controller, states: FloatArray, step: int) -> FloatArray:
-        """J of states (M, ndim) at a step, inf off the tube: (M,). Needs J of the next step at the nodes.
+        """J of states (M, ndim) at a step, inf off the tube: (M,). Needs J of the next step in `_values`.
 
         judge : a controller with this rule, whose table and scores are asked.
         """
@@ -161,10 +170,11 @@ class CostToGo:
         return out
 
     def __call__(self, candidates: Candidates) -> FloatArray:
-        """The scores of P candidates: c_k(q, u) and J_{k+1}(q'), added up or the larger of the two: (P,).
+        """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,).
 
-        inf where the nodes around q' know no J; past a safe end J is what the cost says of it. ValueError for
-        candidates of another problem, and where costs that are added up have a NaN or -inf.
+        inf where too few of the nodes around q' are in the tube; past a safe end J is what the cost says of it. What a
+        function of the user returns is handed back as it is if its shape is wrong, as `Controller.scores` checks that.
+        ValueError for candidates of another problem, and where costs that are added up have a NaN or -inf.
         """
         if candidates.problem is not self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")
@@ -182,5 +192,5 @@ class CostToGo:
         return np.asarray(joined)
 
     def __repr__(self) -> str:
-        """The class and the name of the cost, as in errors."""
+        """The class and the name of the cost, as it appears in errors."""
         return f"<CostToGo, {self.name}>"

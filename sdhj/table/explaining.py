@@ -20,10 +20,11 @@ class Failure:
     Attributes
     ----------
     input : int
+        Index into problem.inputs.
     by : str
-        The unsafe set or the end of an axis that the state may meet; "image" if what it may lead to is not all in the
-        next tube, and "rounding" if only what its whole cell may lead to is not; "marks" if only the look at the nodes
-        around or at the true sets refuses it.
+        The name of the unsafe set, or the end of an axis, that the state may meet; "image" if what it may lead to is
+        not all in the next tube, and "rounding" if only what its whole cell may lead to is not; "marks" if only the
+        look at the nodes around or at the true sets refuses it.
     short : float
         By how much, as a number below 0. On a grid the level-set value, turned; for a certified table the least that
         the set's level-set function may be, the way past the end, or the share of the image's cells not certified.
@@ -52,9 +53,10 @@ class Explanation:
     helps : tuple of str
         What may let an input do so.
     causes : tuple of str
-        Of a certified table, what a coarse copy of the problem has to lose to have the state (`sdhj.certified.limits`):
-        "rounding", without a target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole
-        cells, "push", "noise", or "wide cells" where it is several of the first at once.
+        Only of a certified table, for a state that is not in the tube: what keeps it out, that is of what a coarse copy
+        of the problem has to be freed to have the state in its tube (`sdhj.certified.limits`): "rounding", without a
+        target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole cells, "push",
+        "noise", or "wide cells" where it is several of the first at once.
     """
 
     inside: bool
@@ -64,7 +66,7 @@ class Explanation:
     causes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """The explanation, the first failures, what keeps the state out, and what may help."""
+        """Lines of text: what is true of the state, `SHOWN` failures, what keeps it out, and what may help."""
         lines = [f"  input {one.input}: {one.says}" for one in self.failures[:SHOWN]]
         rest = len(self.failures) - SHOWN
         lines += [f"  and {rest} more inputs"] if rest > 0 else []
@@ -74,14 +76,18 @@ class Explanation:
 
 
 def entry_named(table: Any, step: int, within: int) -> str:
-    """Which tube (step, within) is, in words that follow on "the tube": its step and its steps to go."""
+    """Which tube it is, in words after "the tube": "for step 2 with 3 steps to go", or "for ever"."""
     if table.details.get("endless") and table.problem.has_no_target:
         return "for ever"
     return f"for step {step} with {within} step{'s' * (within != 1)} to go"
 
 
 def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
-    """A sentence if the level-set functions themselves refute a state (1, ndim); else empty."""
+    """A sentence if a state is off the grid, in an unsafe set or, with within = 0, outside the target; else "".
+
+    By the level-set functions themselves, at the time of the step. state : (1, ndim). Sets that are unsafe under some
+    inputs only do not count.
+    """
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
         return "The state is off the grid."
@@ -96,8 +102,9 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
 
-    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first.
-    A `within` of None, or above N - step, is N - step. ValueError if q or step does not fit.
+    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first:
+    a state that they refute has no failures. Without steps to go there are none, either. A `within` of None, or above N
+    - step, is N - step. ValueError if q, step or within does not fit.
     """
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
@@ -131,7 +138,11 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """The largest value of the next tube, `left` steps to go, at ends (L, P, ndim), relative to the state: (L,)."""
+    """The largest value of the next tube, with `left` steps to go, among the ends of each input: (L,).
+
+    ends : (L, P, ndim), where each input may lead in the interval from `step`, relative to the state (1, ndim); they
+        are clipped to the grid.
+    """
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
 
@@ -146,10 +157,13 @@ def _failure(
     margin: float,
     ends: FloatArray,
 ) -> Failure:
-    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked.
+    """Why input j does not keep the promise: it may meet something, leave the tube, or is not marked; in this order.
 
-    state (1, ndim); left : the steps to go after the interval; hazard : the value of the input's avoid tube; margin :
-    the largest of the next tube; ends (P, ndim) : corners of what it may lead to, relative to the state.
+    state : (1, ndim), at `step`.
+    left : the steps to go after the interval.
+    hazard : the value of the input's avoid tube there.
+    margin : the largest value of the next tube.
+    ends : (P, ndim), corners of what the input may lead to, relative to the state.
     """
     if hazard > 0:
         name, when = _nearest(table, state, j, ends, step)
@@ -166,8 +180,8 @@ def _failure(
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
     """The name of the unsafe set or of the end of an axis that input j comes nearest to, and after how many seconds.
 
-    Nearest is the least level-set value, or distance to an end, on the lines from the state (1, ndim) to the ends
-    (P, ndim) that the input may lead to, relative to it, at `INSTANTS_TRIED` instants of the interval.
+    Nearest is the least level-set value, or distance to an end, on the straight lines from the state (1, ndim) to its
+    `ends` (P, ndim), relative to it, at `INSTANTS_TRIED` instants of the interval from `step`.
     """
     problem, grid = table.problem, table.grid
     best = np.inf, "the unsafe ends of the grid", 0.0

@@ -68,10 +68,11 @@ class TableFileError(ValueError):
 
 @contextmanager
 def replaced_whole(path: Named) -> Iterator[Path]:
-    """A context with a temporary path beside `path`; its file replaces that of `path` at the end, errors apart.
+    """A context with a temporary path, whose file replaces that of `path` at the end unless there is an error.
 
-    No incomplete file is ever visible, not even after a crash. The suffix, by which writers choose formats, is kept.
-    OSError, with what to do, if nothing can be written there.
+    No incomplete file is ever visible, not even after a crash: the file is flushed to the disk before it is renamed.
+    The suffix, by which writers choose formats, is kept. OSError, with what to do, if nothing can be written there;
+    ValueError if `path` is no name.
     """
     path = _regular(path)
     with _temporary(path) as temporary:
@@ -94,9 +95,10 @@ def replaced_whole(path: Named) -> Iterator[Path]:
 
 @contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A context with the path of an empty new file in the folder of `path`, which is deleted at the end.
+    """A context with the path of an empty new file beside `path`, which is deleted at the end if still there.
 
-    OSError, with what to do, if it cannot be made.
+    Its name is hidden, with the suffix of `path`, and it is in `TEMPORARIES` meanwhile. OSError, with what to do, if it
+    cannot be made.
     """
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}{path.suffix}")
     TEMPORARIES.add(temporary)
@@ -113,9 +115,9 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def writable_file(path: Named) -> Path:
-    """The path of a file, links followed; OSError, with what to do, if it cannot be written. Its folder must exist.
+    """The path of a file, links followed, after trying that a file can be written in its folder, which must exist.
 
-    ValueError if `path` is no name. Nothing is left in the folder by trying.
+    OSError, with what to do, if not; ValueError if `path` is no name. Nothing is left in the folder by trying.
     """
     path = _regular(path)
     probed(path.parent, path.name)
@@ -125,7 +127,7 @@ def writable_file(path: Named) -> Path:
 def _regular(path: Named) -> Path:
     """The path that a name refers to, links followed: of a regular file, or of nothing yet.
 
-    ValueError if `path` is no name, OSError if it is that of a folder, a device or a pipe.
+    ValueError if `path` is no name, OSError if it is that of a folder, a device or a pipe, or cannot be a name.
     """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"path must be the name of a file, got {reprlib.repr(path)}")
@@ -145,13 +147,16 @@ def _regular(path: Named) -> Path:
 
 
 def probed(folder: Path, name: str = "probe") -> None:
-    """Raise OSError, with a message that says what to do, if a file of that name cannot be written in a folder."""
+    """Raise OSError, with a message that says what to do, if a file cannot be written in a folder.
+
+    name : of the file that is meant; the one that is tried, and deleted, has its suffix.
+    """
     with _temporary(folder / name):
         pass
 
 
 def unwritable(folder: Path, error: OSError) -> OSError:
-    """The error for a folder that cannot be written, with what to do."""
+    """An OSError, which the caller raises, that says that a folder cannot be written, why, and what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")
 
@@ -161,10 +166,11 @@ def unwritable(folder: Path, error: OSError) -> OSError:
 
 @contextmanager
 def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.File]:
-    """A context with an open HDF5 file to which the class of a table writes its arrays; the file is written at its end.
+    """A context with an open HDF5 file, to which the class of a table writes its arrays; `path` is written at its end.
 
-    head : entries that are added to the head of the file. It is built in memory and then written to disk, in place of
-    an older one, because the HDF5 library does not survive a full disk. OSError if it cannot be written.
+    The file is built in memory, with the arrays of the problem, and written to disk as a whole in place of an older
+    one, because the HDF5 library does not survive a full disk. head : entries, plain values, that are added to the
+    head. OSError if it cannot be written; ValueError if the head is too long.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
@@ -191,7 +197,10 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
 
 
 def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays."""
+    """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays.
+
+    digest : of the problem, `problem.digest`.
+    """
     return {
         "sdhj_version": VERSION,
         "convention": CONVENTION,
@@ -203,16 +212,19 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
 
 
 def header(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it; arrays are not read. Errors are those of `load`."""
+    """The head of a table's file, as `checked_head` returns it, without its arrays; errors as of `sdhj.load`."""
     with opened(path) as (head, _):
         return head
 
 
 def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
-    """Read an array of a file after checking that the file contains it, and its dtype, one of `kinds`, and shape.
+    """Read an array of a file, after checking that the file contains it, its dtype and its shape.
 
-    A shape of None may be any, a set lists the allowed lengths, `most` is of bytes. Links, text and data in other
-    files, with which a file can be forged, are refused by a ValueError.
+    kinds : the names of the allowed dtypes, in one string. shape : None allows any; a set lists the allowed lengths of
+        an axis. most : of bytes.
+
+    ValueError if it does not fit, and for links, text, data in other files or too closely packed data, with which a
+    file can be forged; MemoryError if it does not fit into memory.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
         raise ValueError(f"it contains no array {name}")
@@ -233,17 +245,17 @@ def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: 
 
 
 def fits(found: tuple[int, ...], shape: Lengths) -> bool:
-    """Whether a shape is one of those allowed: on each axis a length, or a set of lengths."""
+    """Whether the shape `found` is allowed: `shape` has for each axis the length, or a set of lengths."""
     allowed = [one if isinstance(one, set) else {one} for one in shape]
     return len(found) == len(allowed) and all(n in some for n, some in zip(found, allowed, strict=True))
 
 
 @contextmanager
 def opened(path: Named) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """A context with the head of a table's file, as `checked_head` returns it, and its open arrays.
+    """A context with the head of a table's file, as `checked_head` returns it, and its HDF5 file, open for reading.
 
-    FileNotFoundError or OSError if it cannot be read, MemoryError if its arrays do not fit; whatever else goes wrong,
-    also inside the context, becomes a TableFileError.
+    The digest of the file is checked before anything else is read. FileNotFoundError or OSError if it cannot be read,
+    MemoryError if its arrays do not fit; whatever else goes wrong, also inside the context, becomes a TableFileError.
     """
     path = _regular(path)
     try:
@@ -275,7 +287,10 @@ def _require_memory(file: h5py.File) -> None:
 
 
 def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
-    """ValueError where a file has not as many entries as its steps take, before anything is made for so many."""
+    """Check that the index of a file has as many entries as its steps take, before anything is made for so many.
+
+    head : as `checked_head` returns it. ValueError if it has not.
+    """
     one = file["index"] if isinstance(file.get("index", getlink=True), h5py.HardLink) else None
     shape, steps = getattr(one, "shape", None) or (0,), head["steps"]
     if shape[0] not in (allowed := {1, steps + 1, entry(steps, steps, 0) + 1}):
@@ -285,7 +300,8 @@ def require_entries(head: Mapping[str, Any], file: h5py.File) -> None:
 def _head_text(path: Path, stream: BufferedReader) -> bytes:
     """The head of a file, as JSON text, after checking that the file's bytes are those that were written.
 
-    stream : the file at its beginning. TableFileError for another version or a wrong digest.
+    stream : the file at its beginning; it is read to its end for this. TableFileError for another version or a wrong
+        digest.
     """
     first = stream.readline(100)
     version = re.fullmatch(re.escape(FIRST_LINE).replace(r"\{\}", "([0-9]{1,9})").encode(), first)
@@ -303,10 +319,11 @@ def _head_text(path: Path, stream: BufferedReader) -> bytes:
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """The head of a file with its values checked and converted; raises various errors if it is invalid.
+    """A copy of the head of a file with its values checked and converted.
 
     The grid is a Grid, sensing a Sensing, inputs are (L, m); the recipe is empty unless a case study built the problem.
-    "told" is what stands there of the problem, as it stands there: what the digest is of.
+    "told" has what the head says of the problem, unconverted: what the digest is of. If the head is invalid, one of
+    various errors is raised (KeyError, TypeError, ValueError, ...), which `opened` turns into TableFileError.
     """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -328,7 +345,7 @@ def checked_head(head: Any) -> dict[str, Any]:
 
 
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
-    """The tables that formulas look up and the values of black boxes in a file, by name, such as "tables/0".
+    """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0".
 
     ValueError where a group is none, or an array is not float64 or too large.
     """
@@ -348,10 +365,16 @@ def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
 def problem_of_file(
     path: Named, head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem | None
 ) -> ReachAvoidProblem:
-    """The problem that the head and the arrays of a file describe, or `problem`, if it is given and is the same.
+    """The problem that the head and the arrays of a file describe; or `problem`, if it is given and is the same.
 
-    A `problem` without a number of steps gets the file's. TableFileError if it is another one, or is needed for black
-    boxes, or if the digest in the head is not that of what it describes.
+    The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
+
+    arrays : what the file's formulas look up, and values of black boxes, by name, of `arrays_in` or `functions_of`.
+    problem : None, or what the user takes it for. If it has steps=None, and the file is of such a solve, it is returned
+        with the number of steps of the file.
+
+    TableFileError if `problem` is another one, if it is None and the file has black boxes or cannot be read, or if the
+    digest in the head is not that of what the head and the arrays describe.
     """
     if head["digest"] != (found := digest_of(head["told"], arrays)):
         raise TableFileError(

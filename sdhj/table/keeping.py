@@ -14,10 +14,15 @@ Meaning = tuple[Any, ...]  # a key of what something computes
 class Kept:
     """Parts of a solve that a table keeps for the next one, in this process only: elsewhere other bits may be computed.
 
-    method : the object by which it was solved.
-    each : the avoid tubes of each unsafe set alone, a list over steps of (L, *subgrid), by a key of all that they
-        depend on; empty where there is one set, whose tubes the table has.
-    still : by (step, within), the solution of the PDE in the moving frame, before it is shifted by what inputs do.
+    Attributes
+    ----------
+    method : Method
+        The object by which it was solved; None if nothing was kept.
+    each : mapping
+        By a key of all that they depend on (`Former.key`), the avoid tubes of each unsafe set alone: (L, *subgrid) for
+        each step. Empty where there is one set, whose tubes the table has.
+    still : mapping
+        By (step, within), the solution of the PDE in the moving frame, before it is shifted by what each input does.
     """
 
     method: object
@@ -25,7 +30,7 @@ class Kept:
     still: Mapping[tuple[int, int], FloatArray] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled, it is None: another process may round otherwise."""
+        """Pickled and loaded it is None, as another process may round otherwise."""
         return type(None), ()
 
     @property

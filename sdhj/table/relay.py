@@ -12,6 +12,11 @@ class Relay:
     Give them in the order in which they act: Relay(Controller(second), Controller(first)), where the tube of `first` is
     the target of the problem of `second` (`TargetSet.from_table`). Each state is judged by itself: with `Sensing` that
     needs tables of memory=False.
+
+    Attributes
+    ----------
+    controllers : tuple of Controller
+        As given.
     """
 
     def __init__(self, *controllers: Controller) -> None:
@@ -26,8 +31,11 @@ class Relay:
     def choose(self, states: FloatArray, step: int) -> FloatArray:
         """Which controller acts from each of the states (M, ndim) at a step k, and the index of its input: (M, 2) int.
 
-        Both are -1 for a state that is admissible for none; the input alone is -1 if the state is in the last target
-        and no input is proved to lead back into it.
+        The controller is a position among those given, the last for whose table the state is admissible; the input an
+        index into its problem.inputs. Tables whose answers do not depend on time are asked for step 0; others only for
+        steps up to their last. Both numbers are -1 for a state that is admissible for none; the input alone is -1 if
+        the state is in the controller's target and no input is proved to lead back into it, and at the table's last
+        step. ValueError if states or step do not fit.
         """
         states = np.asarray(states, dtype=np.float64)
         out = np.full((len(states), 2), -1)

@@ -49,9 +49,9 @@ class Candidates:
 
     problem: ReachAvoidProblem
     batch: Batch
-    rows: FloatArray  # (P,) int, the index of the state in the batch
-    inputs: FloatArray  # (P,) int, the index of the input in problem.inputs
-    before: FloatArray  # (P,) int, the index of the input that is held until now, -1 where none is known
+    rows: FloatArray
+    inputs: FloatArray
+    before: FloatArray
 
     @property
     def step(self) -> int:
@@ -65,22 +65,25 @@ class Candidates:
 
     @property
     def steps_to_go(self) -> FloatArray:
-        """The fewest steps to go, (P,) int."""
+        """The fewest steps to go of each pair's state: (P,) int."""
         return self.batch.steps_to_go[self.rows]
 
     @property
     def margins(self) -> FloatArray:
-        """The largest value of the next tube that the adversary can bring about (`Batch.margins`), (P,)."""
+        """The largest value of the next tube that the adversary can bring about, for each pair: (P,), new.
+
+        Of the safe inputs in order, so the candidates must be all of the batch's safe inputs.
+        """
         return self.batch.margins[self.batch.safe]
 
     @property
     def depths(self) -> FloatArray:
-        """The margins or, for ever, the depths by the game's value (`Batch.game`), (P,)."""
+        """The margins or, for tables on a grid that hold for ever, the depths by `Batch.game`: (P,), new."""
         return self.batch.depths[self.batch.safe]
 
     @property
     def successors(self) -> FloatArray:
-        """The states to which the inputs lead in one interval without a disturbance, (P, ndim)."""
+        """Where the inputs lead in one interval without a disturbance, clipped to the grid: (P, ndim), new."""
         moves = self.problem.interval(self.step).displacements(self.batch.states)
         moved = self.states + moves[self.rows if len(moves) > 1 else 0, self.inputs]
         return self.problem.grid.clipped(moved)

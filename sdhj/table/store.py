@@ -5,7 +5,7 @@
     avoid_static.npy, avoid_moving.npy
                           ... those on no axes, where there is nothing to avoid, are left out
     tables/, opaque/      what formulas look up, and values of black boxes
-    ledger                a line for each finished slab: array, place, slab, SHA-256 of these, the head and the slab
+    ledger                a line for each finished slab: array, position, slab, SHA-256 of these, the head and the slab
     index                 which entry is which tube, once the table is whole
 
 Head and index are JSON behind a line with its SHA-256, that of the index with the head's. A slab is written, flushed to
@@ -56,7 +56,11 @@ Runs = Sequence[tuple[int, int]]
 
 @contextmanager
 def readable(path: Path) -> Iterator[None]:
-    """A context in which errors in reading a store, or a file of one, at `path` become TableFileError."""
+    """A context in which errors in reading a store, or a file of one, at `path` become TableFileError.
+
+    These are OSError, LookupError, ArithmeticError, AttributeError, ValueError and TypeError; the message names the
+    path.
+    """
     try:
         yield
     except TableFileError:
@@ -66,241 +70,316 @@ def readable(path: Path) -> Iterator[None]:
 
 
 class Slab(NamedTuple):
-    """Which part of which array: a slab of a tube, with its marks, or of the avoid tubes of a step.
+    """Which part of which arrays is read or written at a time: a slab of a tube with its marks, or of avoid tubes.
 
-    array : "tubes", "avoid_static" or "avoid_moving". place : which tube, or which step; 0 of the static ones. number :
-    which slab, counted along the axis that is cut.
+    array : "tubes", which stands for the marks too, "avoid_static" or "avoid_moving".
+    position : the position of the tube among the stored ones, or the step of moving avoid tubes; 0 for static ones.
+    number : of the slab, counted along the axis that is cut; 0 for avoid tubes that do not depend on this axis.
     """
 
     array: str
-    place: int
+    position: int
     number: int
 
     @property
     def arrays(self) -> tuple[str, ...]:
-        """The arrays that are written with it: a tube and its marks, or one."""
+        """The names of the arrays that are written together: ("tubes", "marks"), or the one that the slab names."""
         return ("tubes", "marks") if self.array == "tubes" else (self.array,)
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """The shapes of a table's arrays, and how they are cut into slabs: `width` nodes of one axis of the grid each."""
+    """The shapes of a table's arrays, and how they are cut into slabs along one axis of the grid.
 
-    shape: tuple[int, ...]  # of the grid
+    Arrays are named by "tubes", "marks", "avoid_static" and "avoid_moving" (`NAMES`).
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Of the grid.
+    inputs : int
+        L, the number of inputs.
+    tubes : int
+        For how many tubes there is room.
+    steps : int
+        N, the number of steps.
+    dtype : {"float32", "float64"}
+        Of all arrays but marks.
+    axis : int
+        The axis of the grid that is cut.
+    width : int
+        Nodes of a slab along this axis; the last slab may have fewer.
+    avoid_axes : mapping
+        For "avoid_static" and "avoid_moving" the axes of the grid on which these tubes depend, ascending; () if there
+        is nothing to avoid.
+    """
+
+    shape: tuple[int, ...]
     inputs: int
-    tubes: int  # as many as there is room for
+    tubes: int
     steps: int
     dtype: str
     axis: int
     width: int
-    avoid_axes: Mapping[str, tuple[int, ...]]  # of avoid_static and avoid_moving
+    avoid_axes: Mapping[str, tuple[int, ...]]
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
-        """The shapes of a problem's table; `cut` are the fields from `dtype` on."""
+        """The shapes of a problem's table; cut : the fields dtype, axis, width and avoid_axes."""
         tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 
     @property
     def slabs(self) -> int:
-        """Number of slabs."""
+        """The number of slabs that the grid is cut into."""
         return -(-self.shape[self.axis] // self.width)
 
     def axes(self, array: str) -> tuple[int, ...]:
-        """The axes of the grid that an array has: all of them, or those that the unsafe sets depend on."""
+        """The axes of the grid that an array has, ascending: all of tubes and marks, else those of `avoid_axes`."""
         return self.avoid_axes.get(array, tuple(range(len(self.shape))))
 
     def slabs_of(self, array: str) -> int:
-        """Number of slabs of an array: one where it knows nothing of the cut."""
+        """The number of slabs of an array: one if it does not have the axis that is cut."""
         return self.slabs if self.axis in self.axes(array) else 1
 
     def span(self, number: int) -> tuple[int, int]:
-        """The first node of slab `number` along the axis that is cut, and the one behind its last."""
+        """The first node of slab `number` along the axis that is cut, and the one after its last."""
         return number * self.width, min((number + 1) * self.width, self.shape[self.axis])
 
     def runs(self, array: str, number: int) -> Runs:
-        """(begin, end) of slab `number` on each axis of the grid that an array has; of axes not cut all nodes."""
+        """The nodes (begin, end) of slab `number` on each axis that an array has; on axes not cut all nodes."""
         return [self.span(number) if axis == self.axis else (0, self.shape[axis]) for axis in self.axes(array)]
 
-    def kind(self, array: str) -> Any:
-        """The dtype of an array."""
+    def dtype_of(self, array: str) -> Any:
+        """The dtype of an array: uint8 for marks, else `dtype`."""
         return np.dtype(np.uint8 if array == "marks" else self.dtype)
 
-    def lead(self, array: str) -> tuple[int, ...]:
-        """The lengths of the axes before those of the grid at one place: () of a tube, bytes of marks, L of avoid."""
+    def leading_shape(self, array: str) -> tuple[int, ...]:
+        """The lengths of the axes before those of the grid in one entry of an array, all inputs together.
+
+        () of a tube, (bytes,) of marks, one bit for each input, and (L,) of avoid tubes.
+        """
         return {"tubes": (), "marks": (-(-self.inputs // 8),)}.get(array, (self.inputs,))
 
-    def block(self, array: str) -> tuple[int, ...]:
-        """The shape at one place of an array: of one tube, its marks, or the avoid tubes of a step."""
-        return self._blocks[array]
+    def entry_shape(self, array: str) -> tuple[int, ...]:
+        """The shape of one entry of an array on the whole grid: of one tube, its marks, or the avoid tubes of a step.
+
+        That is (*shape), (bytes, *shape), or (L, *subgrid).
+        """
+        return self._entry_shapes[array]
 
     @cached_property
-    def _blocks(self) -> dict[str, tuple[int, ...]]:
-        """The shape at one place, by the array."""
-        return {one: (*self.lead(one), *(self.shape[axis] for axis in self.axes(one))) for one in NAMES}
+    def _entry_shapes(self) -> dict[str, tuple[int, ...]]:
+        """`entry_shape` of each array, by its name; computed once."""
+        return {one: (*self.leading_shape(one), *(self.shape[axis] for axis in self.axes(one))) for one in NAMES}
 
-    def whole(self, array: str) -> tuple[int, ...]:
-        """The shape of an array over all places, as a `LookupTable` has it; in marks the nodes are one axis."""
-        lead, block = self.lead(array), self.block(array)
+    def array_shape(self, array: str) -> tuple[int, ...]:
+        """The shape of a whole array as a `LookupTable` has it: its entries, one after the other.
+
+        (tubes, *shape), (tubes, bytes, nodes), where the grid is one axis, (L, *subgrid) for static and (steps, L,
+        *subgrid) for moving avoid tubes.
+        """
+        lead, block = self.leading_shape(array), self.entry_shape(array)
         block = (*lead, math.prod(self.shape)) if array == "marks" else block
         return block if array == "avoid_static" else (self.steps if array == "avoid_moving" else self.tubes, *block)
 
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return sum(math.prod(self.whole(array)) * self.kind(array).itemsize for array in NAMES)
+        return sum(math.prod(self.array_shape(array)) * self.dtype_of(array).itemsize for array in NAMES)
 
     def slabs_with(self, tubes: int) -> Iterator[Slab]:
-        """All slabs of a table with so many tubes."""
+        """All slabs of a table with so many tubes, in the order tubes, static and moving avoid tubes.
+
+        Avoid tubes on no axes have none.
+        """
         for array, places in ("tubes", tubes), ("avoid_static", 1), ("avoid_moving", self.steps):
             if self.axes(array):
                 yield from (Slab(array, *one) for one in product(range(places), range(self.slabs_of(array))))
 
 
 def index_of(runs: Runs) -> Any:
-    """The index, for NumPy, of what lies in `runs`, (begin, end) of each of the last axes."""
+    """The index, for NumPy, of the nodes `runs` of an array, (begin, end) on each of its last axes."""
     return (..., *(slice(*run) for run in runs))
 
 
 class Arrays:
-    """The arrays of a table, read and written a slab at a time; where they are is up to `Memory` and `Store`."""
+    """The arrays of a table, read and written a slab at a time: base of `Memory` and `Store`.
+
+    To write a slab: fill in what `buffers` returns, hand it to `write`, and the digest that this returns to `enter`, in
+    the process that keeps the ledger; `there` then says that the slab is finished. A subclass implements these, `block`
+    and `whole`.
+
+    Attributes
+    ----------
+    layout : Shapes
+    """
 
     layout: Shapes
 
-    def block(self, array: str, place: int) -> FloatArray:
-        """The block at a place of an array, as `Shapes.block` says."""
+    def entry(self, array: str, position: int) -> FloatArray:
+        """To be implemented: the entry at `position` of an array on the whole grid, of shape `Shapes.entry_shape`."""
         raise NotImplementedError
 
-    def read(self, array: str, place: int, runs: Runs) -> FloatArray:
-        """Part of the block at a place, from begin to end of each axis of the grid: contiguous, a view if it can be."""
-        return np.ascontiguousarray(self.block(array, place)[index_of(runs)])
+    def read(self, array: str, position: int, runs: Runs) -> FloatArray:
+        """The nodes `runs`, (begin, end) on each axis of the grid, of the entry at `position` of an array.
+
+        A view if it is contiguous, else a copy; it should not be written.
+        """
+        return np.ascontiguousarray(self.entry(array, position)[index_of(runs)])
 
     def whole(self, array: str) -> FloatArray:
-        """A whole array, of shape `Shapes.whole`, as a `LookupTable` has it; its values may be filled in later."""
+        """To be implemented: a whole array, as a `LookupTable` has it; later writes appear in it."""
         raise NotImplementedError
 
     @property
     def avoid(self) -> AvoidTubes:
-        """The avoid tubes of all unsafe sets, static and moving, over the whole arrays."""
+        """The avoid tubes of all unsafe sets, static and moving: over the whole arrays, without a copy."""
         static, moving = NAMES[2:]
         axes = self.layout.axes(static), self.layout.axes(moving)
         return AvoidTubes(axes[0], self.whole(static), axes[1], self.whole(moving))
 
     def table(self, problem: ReachAvoidProblem, method: str, index: FloatArray) -> LookupTable:
-        """A `LookupTable` whose arrays are these and whose index is `index` (entries,); it has no details yet."""
+        """A `LookupTable` over the whole arrays, not copied, with the index (entries,) int64 and no details."""
         return LookupTable(problem, method, index, self.whole("tubes"), self.whole("marks"), self.avoid, {})
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """Arrays to be filled in with a slab, and to be handed to `write`; marks are 0."""
+        """New arrays, of zeros, to be filled in with a slab and handed to `write`: one for each of `slab.arrays`."""
         found = []
         for array in slab.arrays:
             nodes = (end - begin for begin, end in self.layout.runs(array, slab.number))
-            found.append(np.zeros((*self.layout.lead(array), *nodes), self.layout.kind(array)))
+            found.append(np.zeros((*self.layout.leading_shape(array), *nodes), self.layout.dtype_of(array)))
         return found
 
 
 class Memory(Arrays):
-    """The arrays of a table in memory; where there is one slab, what is read and written are views of them."""
+    """The arrays of a table in memory. Where there is one slab, what is read and written are views of them.
+
+    Attributes
+    ----------
+    layout : Shapes
+    arrays : dict
+        The whole arrays by name, those that have been made or put there.
+    """
 
     def __init__(self, layout: Shapes) -> None:
-        """Arrays of a layout, none of which is made yet."""
+        """Arrays of a layout; none is made before it is asked for."""
         self.layout, self.arrays = layout, dict[str, FloatArray]()
 
-    def block(self, array: str, place: int) -> FloatArray:
-        """A view of the block at a place of an array, of shape `Shapes.block`."""
-        found: FloatArray = self.whole(array).reshape(-1, *self.layout.block(array))[place]
+    def entry(self, array: str, position: int) -> FloatArray:
+        """A view of the entry at a position of an array, on the whole grid; writing to it writes to the array."""
+        found: FloatArray = self.whole(array).reshape(-1, *self.layout.entry_shape(array))[position]
         return found
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """The place itself where there is one slab, else new arrays."""
+        """Views of the arrays, where the slab lies in them, if there is one slab; else new zeros."""
         one = self.layout.slabs == 1
-        return [self.block(array, slab.place) for array in slab.arrays] if one else super().buffers(slab)
+        return [self.entry(array, slab.position) for array in slab.arrays] if one else super().buffers(slab)
 
     def there(self, slab: Slab) -> bool:
-        """Whether a slab is finished already: never, as nothing in memory outlasts a solve."""
+        """Whether a slab is finished already: always False, as nothing in memory outlasts a solve."""
         return False
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Keep `values`, the arrays of a slab; a whole array is kept without a copy. Returns an empty digest."""
+        """Copy `values`, the arrays of a slab as `buffers` returns them, to where the slab lies; returns "".
+
+        Views of that place are not copied; an array of the shape of a whole one replaces that.
+        """
         for array, one in zip(slab.arrays, values, strict=True):
-            if (one.shape, one.dtype) == (self.layout.whole(array), self.layout.kind(array)):
+            if (one.shape, one.dtype) == (self.layout.array_shape(array), self.layout.dtype_of(array)):
                 self.arrays[array] = one  # to copy all avoid tubes would take as long as a game
                 continue
             runs = self.layout.runs(array, slab.number)
-            part = self.block(array, slab.place)[index_of(runs)]
+            part = self.entry(array, slab.position)[index_of(runs)]
             if not np.may_share_memory(part, one):
                 part[...] = one
         return ""
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """Nothing: in memory no ledger is kept of finished slabs."""
+        """Do nothing: in memory no ledger is kept of finished slabs."""
 
     def whole(self, array: str) -> FloatArray:
-        """A whole array; made when first asked for, so that it may take memory that games had before.
+        """A whole array; made when it is first asked for, so that it may take memory that games had before.
 
-        Marks are 0, avoid tubes without an axis -inf, and others undefined until they are written.
+        Marks are 0 then, avoid tubes on no axes -inf, and all others undefined until they are written.
         """
         if array not in self.arrays:
             make = np.zeros if array == "marks" else np.empty
-            self.arrays[array] = make(self.layout.whole(array), self.layout.kind(array))
+            self.arrays[array] = make(self.layout.array_shape(array), self.layout.dtype_of(array))
             if not self.layout.axes(array):
                 self.arrays[array].fill(-np.inf)
         return self.arrays[array]
 
 
 class Store(Arrays):
-    """The arrays of a table in the files of a store: what is read is mapped, what is written goes to its place.
+    """The arrays of a table in the files of a store: what is read is mapped, what is written goes to its place on disk.
 
-    seal : digest of the head, which is bound into all others. It is pickled without what it has read.
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    layout : Shapes
+    seal : str
+        The digest of the head, which goes into all other digests.
+    begins : dict
+        The offset in bytes at which each array begins in its file; read at first use.
+    entered : dict
+        The digest of each finished slab (`Slab`); the ledger, read at first use and kept up to date by `enter`.
     """
 
     def __init__(self, path: Path, layout: Shapes, seal: str) -> None:
-        """A store at a path, with a layout of its arrays, and as `seal` the digest of its head; nothing is read yet."""
+        """A store that exists at a path, of this layout, whose head has the digest `seal`; nothing is read yet."""
         self.path, self.layout, self.seal = path, layout, seal
 
     def __reduce__(self) -> Any:
-        """Pickled it is its path, layout and seal, from which a worker reads and writes the same files."""
+        """Pickled are path, layout and seal, from which a worker reads and writes the same files."""
         return Store, (self.path, self.layout, self.seal)
 
     # ---- the files of arrays
 
     def file(self, array: str) -> Path:
-        """The file of an array."""
+        """The path of the file of an array."""
         return self.path / f"{array}.npy"
 
     @cached_property
     def begins(self) -> dict[str, int]:
-        """Where in its file each array begins; TableFileError where a file is none of this store."""
+        """The offset in bytes at which each array begins in its file; TableFileError for files that do not fit."""
         return {array: self._header(array)[0] for array in NAMES if self.layout.axes(array)}
 
     def _header(self, array: str) -> tuple[int, tuple[int, ...]]:
-        """Where an array's data begin in its file, in bytes, and its shape there, which may have fewer tubes.
+        """Where an array's data begin in its file, in bytes, and its shape there.
 
-        TableFileError if the file is missing, cut short or of another dtype or shape.
+        The first axis may be shorter than in the layout, with fewer tubes. TableFileError if the file is missing, cut
+        short, or of another dtype or shape.
         """
-        file, expected = self.file(array), self.layout.whole(array)
+        file, expected = self.file(array), self.layout.array_shape(array)
         with readable(file), open(file, "rb") as stream:
             np.lib.format.read_magic(stream)
             shape, fortran, kind = np.lib.format.read_array_header_1_0(stream)
-            if fortran or kind != self.layout.kind(array) or shape[1:] != expected[1:] or shape[0] > expected[0]:
-                raise ValueError(f"it is {kind} of {shape}, and this store has {self.layout.kind(array)} of {expected}")
+            if fortran or kind != self.layout.dtype_of(array) or shape[1:] != expected[1:] or shape[0] > expected[0]:
+                raise ValueError(
+                    f"it is {kind} of {shape}, and this store has {self.layout.dtype_of(array)} of {expected}"
+                )
             begin: int = stream.tell()
             if file.stat().st_size < begin + math.prod(shape) * kind.itemsize:
                 raise ValueError("it is cut short")
         return begin, shape
 
-    def block(self, array: str, place: int) -> FloatArray:
-        """The block at a place of an array on disk, mapped read-only, typed as an array in memory."""
-        block, kind = self.layout.block(array), self.layout.kind(array)
+    def entry(self, array: str, position: int) -> FloatArray:
+        """The entry at a position of an array on disk, mapped: writing to it would not reach the file.
+
+        -inf, in memory, for avoid tubes on no axes. The type is a plain array.
+        """
+        block, kind = self.layout.entry_shape(array), self.layout.dtype_of(array)
         if not self.layout.axes(array):
             return np.full(block, -np.inf, kind)
-        begin = self.begins[array] + place * math.prod(block) * kind.itemsize
+        begin = self.begins[array] + position * math.prod(block) * kind.itemsize
         return np.asarray(np.memmap(self.file(array), kind, "c", begin, block))
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Write the arrays of a slab to their places and flush them to the disk; returns the slab's digest.
+        """Write the arrays of a slab to the files and flush them to the disk; returns the slab's digest.
 
-        OSError, with what to do, if it cannot be written.
+        It is not yet entered in the ledger (`enter`). OSError, with what to do, if it cannot be written.
         """
         with self._writing():
             for array, one in zip(slab.arrays, values, strict=True):
@@ -313,17 +392,17 @@ class Store(Arrays):
         return self.digest(slab, values)
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """The parts of a slab's `values` that lie in one piece of the array's file: (offset in bytes, values)."""
-        block = self.layout.block(array)
-        runs = [*((0, n) for n in self.layout.lead(array)), *self.layout.runs(array, slab.number)]
+        """Yield the parts of a slab's `values` that are contiguous in the file: (offset in bytes, 1-D array)."""
+        block = self.layout.entry_shape(array)
+        runs = [*((0, n) for n in self.layout.leading_shape(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
-        first = slab.place * math.prod(block) + runs[cut][0] * math.prod(block[cut + 1 :])
+        first = slab.position * math.prod(block) + runs[cut][0] * math.prod(block[cut + 1 :])
         for number, row in enumerate(np.ascontiguousarray(values).reshape(math.prod(block[:cut]), -1)):
             yield self.begins[array] + (first + number * math.prod(block[cut:])) * row.itemsize, row
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        """A context in which an OSError says also what stays and what to do."""
+        """A context in which the message of an OSError also says what stays in the store and what to do."""
         try:
             yield
         except OSError as error:
@@ -336,7 +415,11 @@ class Store(Arrays):
 
     @cached_property
     def entered(self) -> dict[Slab, str]:
-        """The digests of the finished slabs, as the ledger has them; of a line that was cut short nothing."""
+        """The digests of the finished slabs, as the ledger has them; read once.
+
+        Lines that were cut short, and lines for slabs that the layout does not have, are ignored; of a slab with
+        several lines the last counts.
+        """
         with readable(file := self.path / "ledger"):
             lines = file.read_text(encoding="ascii", errors="replace").splitlines()
         found = {Slab(line[1], int(line[2]), int(line[3])): line[4] for line in map(ENTERED.fullmatch, lines) if line}
@@ -344,47 +427,54 @@ class Store(Arrays):
         return {slab: digest for slab, digest in found.items() if slab in possible}
 
     def there(self, slab: Slab) -> bool:
-        """Whether the ledger has a line for a slab."""
+        """Whether the ledger has a line for a slab, that is whether the slab is finished."""
         return slab in self.entered
 
     def enter(self, slab: Slab, digest: str) -> None:
-        """Add a line for a finished slab to the ledger on disk; it begins anew where the last one was cut short."""
+        """Add a line for a finished slab to the ledger, flush it to the disk, and add it to `entered`.
+
+        A line break comes first, as the line before may have been cut short. OSError, with what to do.
+        """
         with self._writing(), open(self.path / "ledger", "ab") as stream:
-            stream.write(f"\n{slab.array} {slab.place} {slab.number} {digest}\n".encode())
+            stream.write(f"\n{slab.array} {slab.position} {slab.number} {digest}\n".encode())
             stream.flush()
             os.fsync(stream.fileno())
         self.entered[slab] = digest
 
     def digest(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """SHA-256 of a slab: of its place and values, bound to the seal of the store."""
-        found = hashlib.sha256(f"{self.seal} {slab.array} {slab.place} {slab.number}\n".encode())
+        """SHA-256, in hexadecimal, of the seal, the slab's array, position and number, and its values."""
+        found = hashlib.sha256(f"{self.seal} {slab.array} {slab.position} {slab.number}\n".encode())
         for one in values:
             found.update(np.ascontiguousarray(one).reshape(-1).data)
         return found.hexdigest()
 
     def check(self, slabs: Sequence[Slab]) -> None:
-        """Read slabs; TableFileError where one is not in the ledger, or is not what the ledger says."""
+        """Read some slabs and compare them with the ledger.
+
+        TableFileError where one is not in the ledger, or where its digest is another; the message says what to delete.
+        """
         if missing := [slab for slab in slabs if slab not in self.entered]:
             raise TableFileError(
                 f"{len(missing)} slabs of {self.path} are not in its ledger, first {' '.join(map(str, missing[0]))}; "
                 "solve with resume=True, which makes them anew"
             )
         for slab in slabs:
-            found = [self.read(array, slab.place, self.layout.runs(array, slab.number)) for array in slab.arrays]
+            found = [self.read(array, slab.position, self.layout.runs(array, slab.number)) for array in slab.arrays]
             if self.digest(slab, found) != self.entered[slab]:
                 line = " ".join(map(str, slab))
                 raise TableFileError(
                     f"{self.file(slab.array)} is damaged, or parts of it are not what was written there: place "
-                    f"{slab.place}, slab {slab.number}; delete the line that begins {line!r} from "
+                    f"{slab.position}, slab {slab.number}; delete the line that begins {line!r} from "
                     f"{self.path / 'ledger'} and solve with resume=True, which makes it anew"
                 )
 
     # ---- the whole
 
     def finish(self, index: FloatArray, details: Mapping[str, Any]) -> None:
-        """Write the index, by which the store is whole: the tube of each entry (entries,), and details of the solve.
+        """Write the index file, last of all: it has the index (entries,) int of the table and details of the solve.
 
-        The files of tubes and marks are cut to as many as the index names. OSError, with what to do.
+        With it the store is whole. The files of tubes and marks are first cut to as many tubes as the index names.
+        OSError, with what to do.
         """
         with self._writing():
             for array in ("tubes", "marks"):
@@ -394,17 +484,20 @@ class Store(Arrays):
                 file.write_text(sealed_text({"index": index.tolist(), "details": dict(details)}, self.seal))
 
     def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
-        """A whole array, mapped read-only, of the type of those in memory; the dtypes `kinds` are not asked.
+        """A whole array, mapped read-only; -inf, in memory, for avoid tubes on no axes.
 
-        TableFileError if its file does not fit the layout, ValueError if it is not of `shape`, a set of lengths or one
-        on each axis.
+        kinds : the dtypes that are allowed; not looked at here, as the layout says which it is. shape : if given, the
+            length, or a set of lengths, that each axis must have.
+
+        TableFileError if the file does not fit the layout, ValueError if the array is not of `shape`. Tables and files
+        are read by the same code, `LookupTable.of_arrays`, which gives all three arguments.
         """
         if not self.layout.axes(array):
-            return np.full(self.layout.whole(array), -np.inf, self.layout.dtype)
+            return np.full(self.layout.array_shape(array), -np.inf, self.layout.dtype)
         begin, found = self._header(array)
         if shape is not None and not fits(found, shape):
             raise ValueError(f"its array {array} must be of shape {shape}, got {found}")
-        return np.asarray(np.memmap(self.file(array), self.layout.kind(array), "r", begin, found))
+        return np.asarray(np.memmap(self.file(array), self.layout.dtype_of(array), "r", begin, found))
 
 
 @dataclass(frozen=True, repr=False)
@@ -412,34 +505,46 @@ class StoredTable(LookupTable):
     """A `LookupTable` whose arrays are mapped from a store: what is asked for is read, and the system keeps some of it.
 
     It is made by `sdhj.solve(problem, store=...)` or `sdhj.load`, for tables larger than memory. It is pickled as the
-    name of its folder, from which it is loaded again.
+    name of its folder, from which it is loaded again, and checked against its ledger.
+
+    Attributes
+    ----------
+    path : Path or None
+        The folder; None for what `dataclasses.replace` makes of the table, which is pickled with its arrays.
     """
 
     path: Path | None = field(default=None, init=False, compare=False)
     folder: InitVar[Path | None] = None  # `path`; none of what `dataclasses.replace` makes of it
 
     def __post_init__(self, folder: Path | None) -> None:
-        """The folder becomes the `path`."""
+        """Keep the folder, an argument of the constructor only, as `path`."""
         super().__post_init__()
         object.__setattr__(self, "path", folder)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickled it is the name of its folder, with the problem if that has black boxes, which no file contains."""
+        """Pickled it is the name of its folder, and the problem if it has black boxes, which no file contains.
+
+        Without a `path` it is pickled as any table.
+        """
         opaque = self.problem if self.problem.opaque else None
         return (load_stored, (self.path, opaque, True, self.player)) if self.path else super().__reduce_ex__(protocol)
 
 
 def is_store(path: Named) -> bool:
-    """Whether a name is that of a store, perhaps of one of an earlier version."""
+    """Whether a name is that of a store, which may be of an earlier version."""
     return any(os.path.isfile(os.path.join(path, name)) for name in ("head", "zarr.json"))
 
 
 def load_stored(
     path: Named, problem: ReachAvoidProblem | None = None, check: bool = True, player: Player | None = None
 ) -> StoredTable:
-    """The table of a finished store; with `check` all of it is read once and compared with its ledger.
+    """The table of a finished store. Errors are those of `sdhj.load`, which calls this.
 
-    player : simulates runs for `Table.played`. TableFileError if it is unfinished, damaged or of another problem.
+    problem : needed if it has black boxes; otherwise None, or it is compared with the store's.
+    check : whether all arrays are read once and compared with the ledger.
+    player : simulates runs for `Table.played`.
+
+    TableFileError if the store is unfinished, damaged or of another problem.
     """
     store, head, problem = opened_store(path, problem)
     if not (store.path / "index").is_file():
@@ -454,7 +559,11 @@ def load_stored(
 
 
 def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
-    """The head of a store, finished or not, as `checked_head` returns it, and its digest; errors as of `load`."""
+    """The head of a store, finished or not, as `checked_head` returns it, and its digest, the seal.
+
+    If the store is finished, "details" are those of the solve. FileNotFoundError if there is none at `path`;
+    TableFileError if it is damaged or of another version.
+    """
     path = Path(path)
     if (path / "zarr.json").is_file():
         raise TableFileError(
@@ -474,7 +583,10 @@ def head_of_store(path: Named) -> tuple[dict[str, Any], str]:
 def opened_store(
     path: Named, problem: ReachAvoidProblem | None = None
 ) -> tuple[Store, dict[str, Any], ReachAvoidProblem]:
-    """A store, finished or not, its head and its problem; errors are those of `load`."""
+    """A store, finished or not, its head as `head_of_store` returns it, and its problem; arrays are not read.
+
+    problem : needed if it has black boxes. Errors are those of `sdhj.load`.
+    """
     (head, seal), path = head_of_store(path), Path(os.path.abspath(path))
     with readable(path):
         problem = problem_of_file(path, head, functions_of(path), problem)
@@ -482,7 +594,7 @@ def opened_store(
 
 
 def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
-    """How the arrays of a problem's table lie in a store with a head; ValueError if the two do not fit."""
+    """The layout of a problem's table in a store with this head; ValueError if the two do not fit."""
     (axis, width), shape = head["cut"], problem.grid.shape
     axis = whole("the axis that is cut", axis, least=0, most=len(shape) - 1)
     width = whole("the width of slabs", width, least=1, most=shape[axis])
@@ -493,16 +605,17 @@ def shapes_of(problem: ReachAvoidProblem, head: Mapping[str, Any]) -> Shapes:
 
 
 def functions_of(path: Path) -> dict[str, FloatArray]:
-    """The tables that formulas look up and the values of black boxes in a store, by name, such as "tables/0"."""
+    """The arrays that formulas look up, and the values of black boxes, in a store, by names such as "tables/0"."""
     files = [file for group in ("tables", "opaque") for file in (path / group).glob("*.npy")]
     return {f"{file.parent.name}/{file.stem}": np.load(file, allow_pickle=False) for file in files}
 
 
 def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArray], layout: Shapes) -> str:
-    """Make a store: a folder with the head, the arrays that formulas look up (`functions`, by name) and empty arrays.
+    """Make a new store: a folder with the head, empty arrays, an empty ledger and `functions`. Returns its seal.
 
-    It appears when it is whole. Returns its seal, the digest of the head. FileExistsError if there is something of that
-    name, OSError, with what to do, if it cannot be written.
+    It is made under a temporary name and appears when it is complete. functions : the arrays that formulas look up and
+    the values of black boxes, by name. FileExistsError if there is something of that name, OSError, with what to do, if
+    it cannot be written.
     """
     probed(path.parent)
     temporary = path.with_name(f".sdhj-{uuid.uuid4().hex}")
@@ -528,11 +641,12 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 
 
 def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
-    """Write the header of an array's .npy file, for so many tubes, to a stream at its beginning, and set the length.
+    """Write the header of an array's .npy file for so many tubes to a stream, and set the file's length.
 
-    What is not written yet takes no room on the disk.
+    It always has the same length, so that a later one may have fewer tubes. tubes : ignored for avoid tubes. What is
+    not written yet takes no room on the disk where the file system allows that.
     """
-    shape, kind = layout.whole(array), layout.kind(array)
+    shape, kind = layout.array_shape(array), layout.dtype_of(array)
     shape = (tubes, *shape[1:]) if array in NAMES[:2] else shape
     about = {"descr": np.lib.format.dtype_to_descr(kind), "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(stream, about)  # as long for each number of tubes
@@ -540,13 +654,16 @@ def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
 
 
 def sealed_text(content: Mapping[str, Any], seal: str = "") -> str:
-    """A mapping as JSON, behind a line with the SHA-256 of `seal` and itself."""
+    """A mapping as JSON, after a line with the SHA-256 of `seal` and that JSON."""
     text = json.dumps(content, sort_keys=True)
     return f"{hashlib.sha256(f'{seal}{text}'.encode()).hexdigest()}\n{text}\n"
 
 
 def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
-    """Read a file of `sealed_text`: its mapping and the digest in its first line; TableFileError if that is wrong."""
+    """The mapping in a file of `sealed_text`, and the digest in its first line.
+
+    TableFileError if the file cannot be read, or its digest is not that of `seal` and its JSON.
+    """
     with readable(file):
         text = file.read_text()
         content = json.loads(text.partition("\n")[2])
@@ -556,13 +673,13 @@ def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
 
 
 def free_name(path: Path) -> None:
-    """Raise FileExistsError where there is something of that name."""
+    """Raise FileExistsError, with what to do, if there is anything at this path."""
     if os.path.lexists(path):
         raise FileExistsError(f"{path} exists already; go on with it by resume=True, remove it, or choose another name")
 
 
 def warn_of_disk(path: Path, needed: int) -> None:
-    """Warn where the disk of a path's folder has fewer bytes free than are needed; nothing where it cannot be asked."""
+    """Warn if the disk has fewer bytes free than are needed at `path`; silent where the system does not say."""
     with suppress(OSError):
         if needed > (free := shutil.disk_usage(path.parent).free):
             warnings.warn(

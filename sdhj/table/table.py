@@ -39,13 +39,15 @@ RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less
 
 
 def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
-    """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: shape grid.shape.
+    """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: float64, shape grid.shape.
 
     The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
     cell outside the last node in the set, and at the very boundary there may be no input that passes. This function is
     2 - d in the set, d being the distance to the nearest node outside, or to where one would be past an unsafe end, and
     1 + the distance to the set outside. So its zero lies one cell inside the last node in the set, which keeps the tube
-    clear of states that are lost. invariant (*grid.shape) bool : the nodes in the set.
+    clear of states that are lost.
+
+    invariant : (*grid.shape) bool, the nodes in the set.
     """
     leaves = _cells_to(grid, ~invariant)
     for axis, fails in enumerate(grid.ends_where("fails").T):
@@ -57,9 +59,10 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
 
 
 def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
-    """Euclidean distance, in cells, of each node to the nearest in a region (*grid.shape) bool: array of grid.shape.
+    """Euclidean distance, in cells, of each node to the nearest one in a region: array of grid.shape, 0 in the region.
 
-    Around periodic axes; where the region is empty, as far as the grid is long.
+    Also around periodic axes. region : (*grid.shape) bool; where it is empty, the distance is sqrt(sum of
+    grid.shape^2).
     """
     squares = np.where(region, 0.0, float(np.sum(np.square(grid.shape))))
     for axis, n in enumerate(grid.shape):
@@ -75,8 +78,17 @@ def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
 class AvoidTubes:
     """Level-set functions of the avoid tubes (Definition 3), <= 0 where u_j is safe over the interval.
 
-    static : (L, *subgrid of static_axes), the same for every step; moving : (steps, L, *subgrid of moving_axes).
-    Without such unsafe sets there are no axes, and the value is -inf: safe everywhere.
+    The arrays are made read-only. A node is safe under u_j at step k if static[j] and moving[k, j] are both <= 0 there.
+
+    Attributes
+    ----------
+    static_axes : tuple of int
+        The axes of the grid on which the tubes that are the same at all steps depend, ascending; () if there are none.
+    static : (L, *subgrid of static_axes)
+        -inf where there is no such unsafe set: safe everywhere.
+    moving_axes : tuple of int
+        The same for those that differ from step to step.
+    moving : (steps, L, *subgrid of moving_axes)
     """
 
     static_axes: tuple[int, ...]
@@ -85,12 +97,12 @@ class AvoidTubes:
     moving: FloatArray
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only."""
+        """Make the two arrays read-only, in place."""
         read_only((self.static, self.moving))
 
 
 def entries(steps: int) -> FloatArray:
-    """Every (start, within), in the order of `entry`: (entries, 2) int64."""
+    """Every pair (start, within) of a table of so many steps, in the order of `entry`: (entries, 2) int64."""
     return np.column_stack(np.nonzero(np.tri(steps + 1, dtype=bool)[::-1]))
 
 
@@ -140,7 +152,7 @@ class LookupTable(Table):
     player: Player | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the details read-only."""
+        """Make `details` a read-only copy."""
         object.__setattr__(self, "details", Sealed(self.details))
 
     # ---- filling it in
@@ -149,7 +161,9 @@ class LookupTable(Table):
     def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
         """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
 
-        It has space for every tube, or, if nothing depends on time, for each n; space never written takes no memory.
+        It has space for `most_tubes`; space never written takes no memory. Tubes are undefined, and no input is marked.
+        Write with `value_array` and `mark_array`, call `share` for entries that are equal to the one before, and
+        `finish` at the end.
         """
         index, tubes_kept = cls.unshared_index(problem), cls.most_tubes(problem)
         tubes = np.empty((tubes_kept, *problem.grid.shape), dtype)
@@ -158,9 +172,10 @@ class LookupTable(Table):
 
     @staticmethod
     def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
-        """The index (entries,) int64 of a table in which no tubes are shared: the place of each (start, within).
+        """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within).
 
-        If nothing depends on time the place is `within`; else the tubes lie in the order in which they are computed.
+        If nothing depends on time it is `within`, for every start; else the tubes lie in the order in which they are
+        computed.
         """
         start, index = entries(problem.most_steps).T.copy()
         if not problem.time_invariant:  # one behind the other as they are filled in
@@ -169,22 +184,23 @@ class LookupTable(Table):
 
     @staticmethod
     def most_tubes(problem: ReachAvoidProblem) -> int:
-        """T, the largest number of stored tubes: N + 1 if nothing depends on time, else (N + 1) (N + 2) / 2."""
+        """The largest number of stored tubes: N + 1 if nothing depends on time, else (N + 1) (N + 2) / 2."""
         return problem.most_steps + 1 if problem.time_invariant else entry(problem.steps, problem.steps, 0) + 1
 
     def value_array(self, start: int, within: int | None) -> FloatArray:
-        """The array of the tube (start, within), shape grid.shape, to be written while the table is filled in."""
+        """The array of the tube (start, within) itself, shape grid.shape; writable until `finish`."""
         return self.tubes[self.tube_index(start, within)]
 
     def mark_array(self, start: int, within: int | None) -> FloatArray:
-        """The marked inputs of the tube (start, within), (bytes, size), to be written while the table is filled in."""
+        """The marks of the tube (start, within) themselves, (bytes, size) uint8; writable until `finish`."""
         return self.marks[self.tube_index(start, within)]
 
     def share(self, start: int, within: int) -> None:
-        """Let (start, within) share the tube (start, within - 1), with its marks: writes the index.
+        """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
 
-        Later tubes move up by one place, so this comes before they are computed; nothing is done where it is so
-        already. Where nothing depends on time, sets that have stopped stay as they are: all later ones share it too.
+        Later tubes move up by one position, so call it before they are computed, in place of computing this one;
+        nothing is done where the two are one tube already. Where nothing depends on time and N is given, all entries
+        with more steps to go share the tube, too.
         """
         place = self.tube_index(start, within)
         if place == self.tube_index(start, within - 1):
@@ -199,8 +215,9 @@ class LookupTable(Table):
     def motion(self, start: int, within: int) -> float:
         """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
 
-        The average is over the edges of the grid on which the boundary lies, or lay: where it has left one, it counts
-        as moved by a cell. Values elsewhere, which may change for long by the scheme's error, do not count.
+        It compares (start, within) with (start, within - QUIET). The average is over the edges of the grid, between
+        neighbouring nodes, that the boundary crosses, or crossed: where it has left one, it counts as moved by a cell.
+        Values elsewhere, which may change for long by the scheme's error, do not count. 0 if there is no boundary.
         """
         if within < QUIET:
             return np.inf
@@ -219,7 +236,7 @@ class LookupTable(Table):
         """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
 
         It is the mean change of the values at the nodes inside over the mean difference of neighbours there, along the
-        axis where that is largest; inf before so many steps.
+        axis where that is largest. inf before so many steps; 0 where values inside do not differ.
         """
         if within < QUIET:
             return np.inf
@@ -232,10 +249,11 @@ class LookupTable(Table):
         return float(change.mean()) / (QUIET * slope) if slope else 0.0
 
     def settled(self, last: int) -> "LookupTable":
-        """A solve without a number of steps, ended: the table of its first `last` steps.
+        """The table of the first `last` steps of a solve with steps=None; its problem has so many (at least 1).
 
-        Without a target it is the table of the one set that is safe for ever (`cells_inside`), whose inputs are those
-        marked in all of the last steps; the game's value stands behind its tube.
+        The tubes are copied, so that the space of all others is freed. Without a target it is the table of the one set
+        that is safe for ever (`cells_inside`): every entry is this tube, the inputs are those marked in all of the last
+        `QUIET` steps, and the game's value is stored after it.
         """
         has_no_target, steps = self.problem.has_no_target, max(last, 1)
         # a copy: look-ups would be compiled once more for a column of an array
@@ -254,9 +272,10 @@ class LookupTable(Table):
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table when solved: read-only, with these details, without tubes and marks that no entry uses.
+        """The table when solved: with read-only arrays, these details, and without tubes and marks that no entry uses.
 
-        For ever without a target all are kept.
+        If details["endless"] is true and there is no target, all are kept, as the last is the game's value. Arrays are
+        shared.
         """
         stored = int(self.index.max()) + 1
         whole = details.get("endless") and self.problem.has_no_target
@@ -328,11 +347,11 @@ class LookupTable(Table):
         return np.moveaxis(bits.reshape(count, *self.grid.shape), 0, -1).astype(bool)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are in a tube: interpolated values <= 0, in the whole box E around each."""
+        """Whether points (M, ndim) are in a tube: interpolated value <= 0; with sensing in all of the box E."""
         return worst_around(self.problem, self.value_array(start, within), points) <= 0
 
     def _share(self, start: int, within: int) -> float:
-        """The share of the grid's volume in a tube, from 0 to 1, by its nodes; with sensing by the whole box E."""
+        """The share, 0 to 1, of the grid's volume in a tube, by nodes; with sensing of the tube eroded by E."""
         return self.grid.fraction(shrunk(self.problem, self.value_array(start, within)) <= 0)
 
     @property
@@ -344,27 +363,28 @@ class LookupTable(Table):
 
     @cached_property
     def game(self) -> int:
-        """The place of the game's value behind the tubes that the index names; -1 where there is none."""
+        """Position of the game's value in `tubes`, after those that the index names; -1 where there is none."""
         named = int(self.index.max()) + 1
         return named if len(self.tubes) > named else -1
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """The interpolated avoid tubes at states (M, ndim): (M, L)."""
+        """The avoid tubes of a step, interpolated at states (M, ndim): (M, L), a new array."""
         out = np.empty((len(states), len(self.problem.inputs)))
         avoid_values(states, step, *self.packed_at(step), *self._stored[3:], out)
         return out
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Interpolated values of tubes at points (M, V, ndim), row m of the tube within[m]: (M, V)."""
+        """The values of tubes interpolated at points (M, V, ndim): (M, V); row m is of the tube (step, within[m])."""
         out = np.empty(points.shape[:2])
         places = self.index[entry(self.steps, step, 0) + within]
         tube_values(points, places, self._stored[1], *self.packed_at(step), out)
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch, by compiled code where all sets are formulas and defined; else in Python.
+        """Fill in some rows (R,) of a batch in place and check them by the true sets, as `Table._decide` says.
 
-        scores (M, L), checks : as in `Table._decide`.
+        By compiled code where all level-set functions are formulas; in Python where one is a black box, or where a
+        formula was undefined, which there raises an error that says so.
         """
         interval, states, done = self.problem.interval(batch.step), batch.states, False
         if self._all_formulas:
@@ -375,16 +395,16 @@ class LookupTable(Table):
             super()._decide(batch, scores, checks, rows)
 
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch by interpolation and marks, without a look at the true sets.
+        """Fill in some rows (R,) of a batch in place by interpolation and marks, without the true sets.
 
-        ends (4 + K, L, ndim, 1 or R) : what inputs lead to from these rows.
+        ends : (4 + K, L, ndim, 1 or R), what inputs lead to from these rows (`Interval.ahead`).
         """
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Fill in some rows of a batch by `decide`, whose ends, scores and checks these are.
+        """Fill in some rows (R,) of a batch in place by the compiled `decide`, which explains ends, scores and checks.
 
-        False, and the rows are worthless, where a formula was undefined.
+        False where a formula was undefined; the rows are worthless then.
         """
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
@@ -393,22 +413,22 @@ class LookupTable(Table):
 
     @cached_property
     def _all_formulas(self) -> bool:
-        """Whether no level-set function is a black box, so that compiled code can play them."""
+        """Whether no level-set function is a black box, so that compiled code can evaluate all; found once."""
         return not any(isinstance(one.level_set, BlackBox) for one in self.problem.all_sets)
 
     @kept
     def _tapes(self) -> Any:
-        """The level-set functions and paths as compiled code plays them; none where one is a black box."""
+        """What `tapes_of` returns for the problem, read-only, made once; `NO_TAPES` where a set is a black box."""
         return tapes_of(self.problem) if self._all_formulas else NO_TAPES
 
     @kept
     def _axes(self) -> Any:
-        """The axes of the static and of the moving avoid tubes, as arrays."""
+        """The axes of the static and of the moving avoid tubes, two int64 arrays, read-only, made once."""
         return [np.array(axes, dtype=np.int64) for axes in (self.avoid.static_axes, self.avoid.moving_axes)]
 
     @cached_property
     def _stored(self) -> tuple[FloatArray, ...]:
-        """The arrays that compiled look-ups read, every function on a grid flat (`StoredTubes`)."""
+        """The arrays that compiled look-ups read, in the order of `StoredTubes`: views, nodes in one axis."""
         inputs, tubes = len(self.problem.inputs), self.tubes.reshape(len(self.tubes), -1)
         static, moving = self.avoid.static.reshape(inputs, -1), self.avoid.moving.reshape(self.steps * inputs, -1)
         return self.index, tubes, self.marks, static, moving
@@ -449,7 +469,10 @@ class LookupTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> Self:
-        """Read the table of this problem from an open file; ValueError if they do not fit together."""
+        """The table of this problem in an open file of `sdhj.table.files.opened`, with the file's head.
+
+        ValueError if file and problem do not fit together.
+        """
         index = stored(file, "index", "int64", (len(entries(problem.most_steps)),))
         names = {"marks": "masks"} if "masks" in file else {}  # as files called them at first
         read = partial(stored, file)
@@ -459,10 +482,14 @@ class LookupTable(Table):
     def of_arrays(
         cls, head: Mapping[str, Any], stored: Any, index: FloatArray, problem: ReachAvoidProblem, **fields: Any
     ) -> Self:
-        """The table of arrays that a function `stored` (name, dtypes, shape) reads; ValueError if they do not fit.
+        """The table whose arrays a function reads, from a file or a store; ValueError if they do not fit together.
 
-        head : of the file, for method, details and axes of avoid tubes. index (entries,) int64. fields : keywords of
-        what else the table has.
+        head : of the file, for the method, the details and the axes of the avoid tubes.
+        stored : stored(name, dtypes, shape) returns the array "tubes", "marks", "avoid_static" or "avoid_moving", and
+            raises ValueError if it is of none of the dtypes, names in one string, or not of that shape, in which a set
+            lists allowed lengths.
+        index : (entries,) int64.
+        fields : what else the class has, as keywords.
         """
         grid, count, steps = problem.grid, len(problem.inputs), problem.most_steps
         if index.shape != (len(entries(steps)),):

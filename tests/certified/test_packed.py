@@ -18,6 +18,15 @@ def test_words_hold_the_bits_and_nothing_else(count, rng):
     assert np.bitwise_count(words).sum() == bits.sum()
 
 
+@pytest.mark.parametrize("shape", [(1, 3, 1, 5), (2, 70, 3, 130), (3, 64, 2, 64), (1, 1, 4, 65), (2, 129, 1, 3)])
+def test_the_packed_axis_changes_places(shape, rng):
+    outer, first, middle, last = shape
+    bits = rng.random(shape) < 0.4
+    out = np.empty((outer * last * middle, -(-first // 64)), np.uint64)
+    packed.swap_packed(packed.to_words(bits).reshape(outer * first * middle, -1), first, middle, last, out)
+    np.testing.assert_array_equal(out, packed.to_words(bits.swapaxes(1, 3)).reshape(out.shape))
+
+
 def test_packed_erosion_agrees_with_shifted_arrays(rng):
     """On sizes that do and do not fill words, with windows that are clipped at the walls."""
     for nx, ny, reach in ((5, 7, 1), (8, 8, 2), (12, 12, 3)):

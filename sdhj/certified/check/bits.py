@@ -1,7 +1,7 @@
 """Operations on the packed sets of a file, and how they are compiled.
 
 A *block* holds the bits of the agent's cells for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit
-x * ny + y, bit b is bit b % 64 of word b // 64.
+x * ny + y, bit b is bit b % 64 of word b // 64. Cells of a robot of one's own are `packed`, eight of a row in a byte.
 """
 
 import os
@@ -109,6 +109,16 @@ def any_bit(block):
         if word != NONE:
             return True
     return False
+
+
+def packed(flags: Array) -> Array:
+    """Flags, eight of the last axis in a byte."""
+    return np.packbits(flags, axis=-1, bitorder="little")
+
+
+def unpacked(some: Array, count: int) -> Array:
+    """The flags of bytes, so many of the last axis."""
+    return np.unpackbits(some, axis=-1, count=count, bitorder="little").view(np.bool_)
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:

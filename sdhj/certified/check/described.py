@@ -6,6 +6,7 @@ given beside the file.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import h5py
@@ -165,7 +166,7 @@ class OfInputs:
         """
         if self.constant:
             return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
-        kind, found = self.kind[inputs], np.empty((2, len(inputs), self.results))
+        kind, found = self.kind[inputs], np.moveaxis(np.empty((2, self.results, len(inputs))), 1, 2)
         kinds = np.flatnonzero(np.bincount(kind, minlength=len(self.kinds)))
         for number in kinds:
             function, constants = self.kinds[number]
@@ -319,6 +320,20 @@ class Velocity:
         sizes = {"bounds": (d,), "drift": (n,), "gain": (n * d,), "velocity": (n, 1 + d)}
         self.of = {name: OfInputs(each, *sizes[name]) for name, each in self.own.items()}
 
+    def along(self, axis: int) -> list[Any]:
+        """The functions that the velocity along an axis is made of; of black boxes, all."""
+        d, some = self.adversaries, list[Any]()
+        for name, each in self.own.items():
+            first, count = {"bounds": (0, d), "gain": (axis * d, d)}.get(name, (axis, 1))
+            some += [one.part(first, count) if isinstance(one, Formula) else one for one in each]
+        return some
+
+    @cached_property
+    def reads_itself(self) -> Array:
+        """Along which axes the velocity may depend on the coordinate itself: (ndim,)."""
+        each = map(self.along, range(self.ndim))
+        return np.array([any(one.reads("x", axis) for one in some) for axis, some in enumerate(each)])
+
     @property
     def timed(self) -> bool:
         """Whether any of the functions depends on the time."""
@@ -333,9 +348,7 @@ class Velocity:
         """
         some = self.all
         if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
-            d, own = self.adversaries, self.own
-            some = [*own["bounds"], *(one.part(axis, 1) for one in own["drift"])]
-            some += [one.part(axis * d, d) for one in own["gain"]]
+            some = self.along(axis)
         return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
 
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:

@@ -336,7 +336,7 @@ class Formula:
 
         The arguments are those of `__call__`.
         """
-        out = np.empty((2, len(low), len(self.results)))
+        out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
                 own = slice(begin, begin + self.boxes)

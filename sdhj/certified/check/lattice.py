@@ -6,7 +6,11 @@ is clear where it overlaps no box that may meet the set, and how many of these i
 corners of what it overlaps.
 
 Most tubes stick out of their cells to both sides, by what the adversary moves a state meanwhile. So boxes are bounded
-`wider`, and tubes are looked up without as much: what is in a tube is that near to a box that is looked up.
+`wider`, and tubes are looked up without as much: what is in a tube is that near to a box that is looked up. Along an
+axis on which all inputs lead alike, as along those of a pursuer, all of that is in the boxes: these are whole cells,
+and a tube overlaps that of its own cell alone.
+
+Where tubes go along with their cells the boxes are not counted, but united (`windows`).
 """
 
 import math
@@ -15,14 +19,17 @@ from itertools import product
 
 import numpy as np
 
-from sdhj.certified.check.bits import Array
+from sdhj.certified.check.bits import Array, packed, unpacked
 
 MOST_LATTICE = 1 << 21  # boxes that cells are cut into, at all times together
 MOST_KEPT = 1 << 28  # boxes; for more cells at all times together there is no lattice
 MOST_CUTS = 16  # of a cell, along each axis
-BLOCKS = (16, 4, 1)  # boxes along each axis that are bounded together
+MOST_UNITED = 1 << 22  # likewise, where boxes are united; but
+LEAST_UNITED = 2  # pieces of a cell, along each axis on which inputs move it
+BLOCKS = (16, 4, 2, 1)  # boxes along each axis that are bounded together
 AT_ONCE = 1 << 14  # boxes, or tubes
 OPEN, OUTSIDE, MET = range(3)
+OUTWARD = np.array([-1.0, 1.0])[:, None]
 
 Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to where it holds, and where it nowhere does
 
@@ -34,6 +41,13 @@ def pieces_of(counts: Sequence[int], times: int) -> int:
     """
     cells = max(math.prod(counts) * times, 1)
     return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / max(len(counts), 1))), 1), MOST_CUTS)
+
+
+def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
+    """How many pieces a cell is cut into along each axis, but where all inputs lead alike, for so many times: (d,)."""
+    cells, some = math.prod(counts) * times, max(int((~alike).sum()), 1)
+    pieces = int((MOST_UNITED / max(cells, 1)) ** (1 / some))
+    return np.where(alike, 1, min(max(pieces, LEAST_UNITED), MOST_CUTS))
 
 
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
@@ -53,19 +67,45 @@ class Lattice:
         looked up `without` as much at both ends.
     """
 
-    def __init__(self, edges: list[Array], pieces: int, periodic: Array, near: Array, sway: Array) -> None:
-        """The lattice of cells with the given edges, (n + 1,) for each axis, each cell cut into so many pieces.
+    def __init__(
+        self,
+        edges: list[Array],
+        pieces: int | Array,
+        periodic: Array,
+        near: Array,
+        sway: Array,
+        alike: Array | None = None,
+        tubes: Array | None = None,
+    ) -> None:
+        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
 
-        periodic (axes,) : bool.
-        near (axes,) : how far off a cell a state counts as in it.
-        sway (axes,) : how far most tubes stick out of their cells to both sides.
+        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
+        alike (axes,) : the axes along which boxes are whole cells with all that tubes (2, axes) stick out of them
         """
-        share = np.arange(pieces) / pieces
-        self.edges = [np.unique([*(own[:-1, None] + np.diff(own)[:, None] * share).ravel(), own[-1]]) for own in edges]
+        cuts = np.broadcast_to(pieces, len(edges)).tolist()
+        self.edges = [
+            np.unique([*(own[:-1, None] + np.diff(own)[:, None] * np.arange(n) / n).ravel(), own[-1]])
+            for own, n in zip(edges, cuts, strict=True)
+        ]
         self.periodic, pitch = periodic, np.array([np.diff(own).max() for own in self.edges])
         self.without = np.where(sway < pitch, sway, 0.0) + 3 * near
-        self.wider = self.without + near  # check 4.51
+        self.wider = np.stack([self.without + near] * 2)  # check 4.51
+        self.alike = np.zeros(len(edges), np.bool_) if alike is None else alike
+        if tubes is not None:
+            self.wider = np.where(self.alike, OUTWARD * tubes + 3 * near, self.wider)  # check 4.67
         self.shape = np.array([own.size - 1 for own in self.edges])
+
+    def united(self, every: Sequence[Holds], asked: Array | None = None) -> Array:
+        """Which boxes may meet a set, packed along the last axis: `met`, so many at a time that memory is bounded.
+
+        asked : packed, too; what is not is taken to meet it
+        """
+        many, n = BLOCKS[0] if self.shape.size > 1 else int(self.shape[0]), int(self.shape[-1])
+        out = []
+        for at in range(0, int(self.shape[0]), many):
+            some = None if asked is None else unpacked(asked[at : at + many], n)
+            out.append(packed(self.met(every, at, at + many, some)))
+        return np.concatenate(out)
 
     def counted(self, every: Sequence[Holds]) -> Array:
         """How many boxes that may meet a set lie below each corner of boxes, as `sums` returns them; int32.
@@ -75,37 +115,49 @@ class Lattice:
         every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
             whether it is <= 0.
         """
-        met = np.zeros(self.shape, np.bool_)
+        return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
+
+    def met(self, every: Sequence[Holds], begin: int, end: int, asked: Array | None = None) -> Array:
+        """Which boxes may meet a set, of those from `begin` to `end` along the first axis: bool. See `counted`.
+
+        asked (boxes) : bool; those that are not count as met
+        """
+        some, start = self.shape.copy(), 0 * self.shape
+        some[0], start[0] = min(end, int(self.shape[0])) - begin, begin
+        met = np.zeros(some, np.bool_) if asked is None else ~asked
         for holds in every:
-            blocks, larger = np.full(-(-self.shape // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
+            blocks, larger = np.full(-(-some // BLOCKS[0]), OPEN, np.int8), BLOCKS[0]
             for side in BLOCKS:
-                for axis, n in enumerate(shape := (-(-self.shape // side)).tolist()):
+                for axis, n in enumerate(shape := (-(-some // side)).tolist()):
                     blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
                 larger, known = side, np.ascontiguousarray(blocks).ravel()
                 if side == 1:
                     known[met.ravel()] = MET
                 left = np.flatnonzero(known == OPEN)
-                for begin in range(0, left.size, AT_ONCE):
-                    some = left[begin : begin + AT_ONCE]
-                    first = np.stack(np.unravel_index(some, shape), axis=1) * side
+                for at in range(0, left.size, AT_ONCE):
+                    own = left[at : at + AT_ONCE]
+                    first = start + np.stack(np.unravel_index(own, shape), axis=1) * side
                     outside, inside = holds(self.boxes(first, side))
-                    known[some] = np.where(outside, OUTSIDE, np.where(inside, MET, OPEN))
+                    known[own] = np.where(outside, OUTSIDE, np.where(inside, MET, OPEN))
                 blocks = known.reshape(shape)
             met |= blocks != OUTSIDE  # check 4.53
-        return sums(met, self.periodic)
+        return met
 
     def boxes(self, first: Array, side: int) -> Array:
         """Ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider."""
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
         low, high = np.moveaxis(np.array(ends), 1, 2)
-        return np.stack([low - self.wider, high + self.wider])  # check 4.55
+        return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """The first and the last box along an axis that tubes from `low` to `high`, arrays of one shape, overlap.
+        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap.
 
-        At least one box. On a periodic axis the first is in the first lap, the last may be in the second.
+        That of each cell where all are alike: low and high are then (M, cells).
         """
+        if self.alike[axis]:
+            own = np.broadcast_to(np.arange(self.shape[axis]), low.shape)
+            return own, own
         edges, (begin, end) = self.edges[axis], self.edges[axis][[0, -1]]
         low, high = low + self.without[axis], high - self.without[axis]
         whole = high - low >= end - begin

@@ -50,13 +50,16 @@ from sdhj.certified.check.reading import (
     reals,
     sizes,
 )
+from sdhj.certified.check.windows import AtOnce, worth_while
 
 # Shares of the largest coordinate of an axis, of which one rounding is 2^-53 at most: so these hold in any units.
 NEAR = 1e-10  # a state so near to a cell counts as in it
 STICKS_OUT = 2e-13  # of a cell, what an image may; and what rounding here adds  # check 3.27
 ROUNDED = 1e-15  # a difference of two coordinates
 AT_FIRST = 1e-7  # of an interval, until a state that counts as in a layer is held by the wall
-FINER = (2, 8, 32, 128)  # pieces of a part, until what is said is proved
+# pieces of a part, and whether ends move as in their face, until what is said is proved
+FINER = ((1, False), (1, True), (2, True), (8, True), (32, True), (128, True))
+WIDER = 1.02  # than expected, boxes are to hold all that is reached in a piece
 DEEPEST = 6
 NEAREST = 8  # times that boxes are halved to tell how near predictions stay
 STRIDES = 8  # in which a controller moves a measurement on
@@ -71,6 +74,18 @@ OUTWARD = np.array([-1.0, 1.0])[:, None, None]
 
 # of boxes, both (M, axes), and their numbers to bounds of a function there, or to one pair for all
 Bounds = Callable[[Array, Array, Array], tuple[Array, Array]]
+
+
+class Unbounded(ValueError):
+    """No bounds were found on where states can be, in pieces of some length."""
+
+
+def column_major(boxes: Array) -> Array:
+    """Boxes (2, M, ndim) with each coordinate of all of them in one piece of memory.
+
+    Results have the layout of their operands; what is one number for all boxes is then applied to long rows.
+    """
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(boxes, 2, 1)), 1, 2)
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
@@ -137,6 +152,9 @@ class Robot(Sets):
         super().__init__(head["cells"], arrays, self.grid.ndim, self.grid.ndim - 1, None)
         self.read_proof(head["proof"], arrays, bool(head["details"].get("endless")))
         self.lattices: dict[tuple[int, int], tuple[Lattice, list[Array]]] = {}
+        axes = [part.axes for part in self.unsafe]
+        many = worth_while(self.counts.tolist(), self.known.tolist(), self.count, axes)
+        self.at_once = AtOnce(self) if many else None
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
@@ -155,9 +173,14 @@ class Robot(Sets):
         looks = len(arrays["clear"]) if len(arrays["low"]) == 1 else 1  # steps that are looked at together
         inputs, boxes = arrays["low"].shape[1], min(places, chosen)
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
-        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 50)
-        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
+        swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 15)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+        if worth_while(counts, flags, inputs, [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]):
+            # of each input what is packed of cells, and of some boxes; of sets, too
+            alike = places == 1 and "normals" not in head["proof"]
+            of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            return sizes(arrays) + max(cells * 5 + chosen * 16 + cells // 4 * inputs, of_a_set) + swept
+        swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
@@ -289,7 +312,7 @@ class Robot(Sets):
         bounds : called with the lower and the upper corners (m, axes) of pieces, and with the index (m,) of the box
             that each belongs to (`Bounds`).
         """
-        box, grid, count, halves = box.copy(), self.grid, box.shape[1], list[tuple[Array, int]]()
+        box, grid, count, halves = box.copy(order="K"), self.grid, box.shape[1], list[tuple[Array, int]]()
         of = np.arange(count)
         for column, axis in enumerate(axes):
             least, most, (a, b) = grid.lower[axis], grid.upper[axis], box[:, :, column]
@@ -355,27 +378,31 @@ class Robot(Sets):
         whole = np.array([self.grid.lower, self.grid.upper])[:, None]
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
-    def driven(self, places: Array, j: Any, start: float, finer: int) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j in the interval from `start`, s: (swept, last).
+    def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
+        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
 
-        swept (M, parts, 2, ndim) : the farthest in each part.
-        last (2, M, ndim) : at the interval's end, whenever that is, to what is then predicted or carried on.
-        j : an index, or (M,). finer : into how many pieces each part is cut. ValueError as of `piece`.
+        At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
+        predicted or carried on. finer : into how many pieces each part is cut; closer : how each is bounded, as of
+        `piece`, which may find no bounds.
         """
-        grid, at = self.grid, self.boxes(places)
+        grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
         bars = np.where(walls[0], grid.lower, -np.inf), np.where(walls[1], grid.upper, np.inf)
-        swept, marks = np.empty((len(places), self.parts, 2, grid.ndim)), np.arange(self.parts * finer + 1)
+        swept = np.moveaxis(np.empty((self.parts, 2, grid.ndim, len(places))), 3, 0)
+        marks = np.arange(self.parts * finer + 1)
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
             """Displacements (2, M, ndim) of the boxes' ends, stopped where a wall is reached, rounded outward."""
+            if not walls.any():
+                return moved
             stopped = np.clip(at + moved, *bars)  # check 3.18
             return np.where(stopped == at + moved, moved, stopped - at + OUTWARD * ROUNDED * self.scale)
 
         off = np.where(self.known_at_wall(places), 0.0, self.off)
-        moved = held(np.zeros((2, len(places), grid.ndim)) + OUTWARD * off)  # check 3.9
+        moved = held(np.zeros_like(at) + OUTWARD * off)  # check 3.9
         least, most = moved  # of all that may be its end
+        rate = faster = np.zeros_like(moved)  # of the piece before, outward, and by how much more than in that before
         for part in range(self.parts):
             a, b = moved
             own = cuts[part * finer : (part + 1) * finer + 1]
@@ -383,7 +410,12 @@ class Robot(Sets):
             for begin, end in pairwise(np.unique([*own, *soon, np.clip(soonest, own[0], own[-1])]).tolist()):
                 if begin <= soonest:  # check 3.17
                     least, most = moved
-                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end)))  # check 3.19
+                far = OUTWARD * (end - begin) * np.maximum(rate + np.maximum(faster, 0.0), 0.0)
+                before = moved
+                # check 3.19
+                moved = held(self.piece(at + self.known * moved, moved, j, (start + begin, start + end), far, closer))
+                now = OUTWARD * (moved - before) / (end - begin)
+                rate, faster = now, now - rate
                 a, b = np.minimum(a, moved[0]), np.maximum(b, moved[1])  # check 4.28
                 least, most = np.minimum(least, moved[0]), np.maximum(most, moved[1])  # check 3.16
             swept[:, part, 0], swept[:, part, 1] = a, b
@@ -412,41 +444,40 @@ class Robot(Sets):
         at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
         return at_wall & self.known & self.sensing.memory
 
-    def piece(self, box: Array, moved: Array, j: Any, times: Times) -> Array:
-        """How far the ends of boxes have moved after a piece of the interval: (2, M, ndim).
+    def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array, closer: bool) -> Array:
+        """How far, (2, M, ndim), ends of boxes have moved after a piece; at its begin they are `box`, moved by `moved`.
 
-        An end moves on by h times what bounds the velocity in the face on its side of a box that the state does not
-        leave meanwhile; rounded outward. ValueError where no such box is found.
-
-        box (2, M, ndim) : the boxes at the begin of the piece. moved (2, M, ndim) : how far their ends have moved until
-            then.
-        j : an index, or (M,). times : when the piece begins and ends, s, h apart.
+        An end moves as the velocity can be in a box that the state does not leave meanwhile; or closer, in the face on
+        its side of all that is reached in it. Unbounded where no such box is found. j (M,) : inputs; times : of the
+        piece, s; far (2, M, ndim) : about how far each end moves outward, with which the search begins.
         """
-        h, grown, some = (times[1] - times[0]) * (1 + 1e-15), np.zeros(box.shape[1:]), 0.1 * self.near
+        h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty_like(box)
+        left: Any = slice(None)
         for _ in range(30):
-            enclosure = box + OUTWARD * self.known * (grown + some)
-            out = np.stack(self.velocity(j, enclosure, times))
-            far = np.stack([h * np.minimum(out[0], 0), h * np.maximum(out[1], 0)])
-            if (~self.known | (OUTWARD * (enclosure - box - far) > 0)).all():  # check 3.22
+            own, reached = box[:, left], far[:, left]
+            enclosure = own + self.known * (WIDER * reached + some)
+            out[:, left] = found = np.stack(self.velocity(j[left], enclosure, times))
+            now = np.stack([h * np.minimum(found[0], 0.0), h * np.maximum(found[1], 0.0)])
+            fits = ~self.known | (OUTWARD * (enclosure - own - now) > 0)  # check 3.22
+            stays = np.logical_and(*fits).all(axis=1)
+            far[:, left] = np.where(stays[:, None], now, np.where(fits, reached, 1.3 * now))
+            if stays.all():
                 break
-            grown = 1.3 * np.maximum(np.abs(far).max(axis=0), grown)
+            left = np.arange(len(j))[left][~stays]
         else:
-            raise ValueError("no box was found that the state stays in for a part of the interval")
-        # check 1.12
-        more = OUTWARD * some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
-        enclosure = box + self.known * (far + more)  # all that is reached from the box within the piece  # check 3.23
-        faces = list(product(np.flatnonzero(self.known), (0, 1)))
-        every = np.tile(enclosure, (1 + len(faces), 1, 1, 1))
-        for face, (axis, side) in zip(every[1:], faces, strict=True):
-            face[:, :, axis] = (box[side] + far + OUTWARD * some)[:, :, axis]  # check 3.24
-        inputs = np.tile(np.broadcast_to(j, len(out[0])), len(every))
-        # check 3.21
-        found = np.stack(self.velocity(inputs, np.concatenate(every, axis=1), times)).reshape(
-            2, len(every), *enclosure.shape[1:]
-        )
-        out = found[:, 0]
-        for own, (axis, side) in enumerate(faces, start=1):
-            out[side, :, axis] = found[side, own, :, axis]  # check 3.25
+            raise Unbounded("no box was found that the state stays in for a part of the interval")
+        if closer:  # check 3.89
+            # check 1.12
+            more = some * (far != 0)  # a coordinate that cannot grow needs no room above, nor one below
+            enclosure = box + self.known * (far + more)  # all that is reached within the piece  # check 3.23
+            faces = list(product(np.flatnonzero(self.known & self.moves.reads_itself), (0, 1)))
+            every = [enclosure, *(enclosure.copy(order="K") for _ in faces)]
+            for face, (axis, side) in zip(every[1:], faces, strict=True):
+                face[:, :, axis] = (box[side] + far + some)[:, :, axis]  # check 3.24
+            found = np.stack(self.velocity(np.tile(j, len(every)), np.concatenate(every, axis=1), times))  # check 3.21
+            out, *each = np.split(found, len(every), axis=1)
+            for own, (axis, side) in zip(each, faces, strict=True):
+                out[side, :, axis] = own[side, :, axis]  # check 3.25
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
@@ -650,10 +681,15 @@ class Robot(Sets):
         (P, n), from each of the axis's n cells; (P, 1) where the axis is a place's. places (P,), tube (P, 2, ndim) : as
         for `misses`.
         """
-        cells = self.cells_at(places)[:, axis, None] if self.known[axis] else np.arange(self.counts[axis])[None]
-        near = 2 * self.near[axis]
-        edges = self.edges[axis]
+        if not self.known[axis]:
+            return self.carried(axis, tube[:, :, axis])
+        cells, near, edges = self.cells_at(places)[:, axis, None], 2 * self.near[axis], self.edges[axis]
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
+
+    def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
+        """Ends of tubes (M, 2) along an axis on which no place is, from each of its cells: both (M, cells)."""
+        edges, near = self.edges[axis], 2 * self.near[axis]
+        return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
         """`clear_holds` for the cells with flat numbers (M,) and the tubes swept[at] under u_j: (M,) bool.
@@ -721,16 +757,21 @@ class Robot(Sets):
         bar.close()
         return Claim(ARRIVE, made, checked, wrong)
 
-    def arrivals_hold(self, pairs: Array, step: int, finer: int) -> Array:
-        """Whether an input leads all of the cells at a site into the target at the end of a step's interval: (M,) bool.
+    def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
+        """Whether all that an input leads the cells at a site to from a step is in the target at its end: (M,) bool.
 
-        pairs (M,) : of an input and a site, as j * sites + site. finer : into how many pieces each part is cut.
+        pairs (M,) : j * sites + site. finer : as of `driven`.
         """
         assert self.target is not None
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
         cells, start, size = self.cells_at(sites, self.sites), min(step, len(self.low) - 1), self.low.shape[2]
         places, at = np.unique(inputs * size + cells @ self.strides, return_inverse=True)
-        moved = self.driven(places % size, places // size, self.time(start), finer)[1][:, at]  # check 5.23
+        try:
+            moved = self.driven(places % size, places // size, self.time(start), *finer)[1][:, at]  # check 5.23
+        except Unbounded:
+            if finer == FINER[-1]:
+                raise
+            return np.zeros(len(pairs), np.bool_)
         box = self.ends(cells, 2 * self.near) + moved  # check 5.19
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
@@ -741,6 +782,8 @@ class Robot(Sets):
         numbers (M,) : the cells' flat numbers. step : when the interval begins.
         following (cells,) bool : the set, of the next step with a step less to go.
         """
+        if self.at_once is not None and self.at_once.leads():
+            return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
@@ -843,19 +886,26 @@ class Robot(Sets):
 
         silent : show no progress bar.
         """
-        at, (starts, inputs, all_places, _) = by_slabs(lambda n: self.cells(n) @ self.strides, numbers), self.low.shape
-        places = np.unique(at)
+        at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
+        if all_places > 1:
+            at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
+        (taken := np.zeros(all_places, np.bool_))[at] = True
+        places = np.flatnonzero(taken)
         wrong: tuple[list[str], list[str]] = ([], [])
         made = checked = 0
         bar = tqdm(total=starts * inputs, desc="moves", disable=silent)
         looks = len(self.clear) if starts == 1 else 1
+        at_once = self.at_once if numbers.size == len(self.clear[0]) else None
         for start, group in product(range(starts), self.groups(places.size, numbers.size * looks)):  # check 4.27
+            if at_once is not None and group[0] == 0:
+                at_once.look_at(start)
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):
-                flags = (self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1
-                open_[j][step] = np.flatnonzero(flags[numbers])
-                made, checked = made + int(flags.sum()), checked + open_[j][step].size
+                flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
+                own = flags if numbers.size == flags.size else flags[numbers]
+                made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
+                open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)
             for j in group:
@@ -870,18 +920,17 @@ class Robot(Sets):
     def narrow(
         self,
         start: int,
-        finer: int,
+        finer: tuple[int, bool],
         moving: dict[int, Array],
         open_: dict[int, dict[int, Array]],
         numbers: Array,
         at: Array,
     ) -> None:
-        """Take out of `moving` and `open_`, in place, what is proved with parts cut into `finer` pieces.
+        """Take out of `moving` and `open_`, in place, what is proved with bounds of `driven` that are so fine.
 
-        start : the index of the interval in the moves.
-        moving : for each input the places whose moves are not proved yet.
-        open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
-        numbers, at (M,) : the flat numbers of the cells that are checked, and their places.
+        moving : for each input the places whose moves are not proved yet. open_ : for each input and step the cells
+        from which it is not proved clear yet, as indices into numbers and at, (M,): the cells' numbers and places.
+        start : which of the moves.
         """
         size = self.low.shape[2]
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
@@ -890,16 +939,24 @@ class Robot(Sets):
                 flags[each] = True
         which, places = np.nonzero(needed)
         of, count = np.array([*moving])[which], len(places)
-        swept, held = np.empty((count, self.parts, 2, self.grid.ndim)), np.empty(count, np.bool_)
-        for begin in range(0, count, BOXES_AT_ONCE):
-            own = slice(begin, begin + BOXES_AT_ONCE)
-            swept[own], last = self.driven(places[own], of[own], self.time(start), finer)  # check 3.20
+        swept = np.moveaxis(np.empty((self.parts, 2, self.grid.ndim, count)), 3, 0)
+        held = np.empty(count, np.bool_)
+        together = BOXES_AT_ONCE // (1 + 2 * int(self.moves.reads_itself.sum()) * finer[1])  # and their faces
+        for begin in range(0, count, together):
+            own = slice(begin, begin + together)
+            try:
+                swept[own], last = self.driven(places[own], of[own], self.time(start), *finer)  # check 3.20
+            except Unbounded:
+                if finer == FINER[-1]:
+                    raise
+                swept[own], held[own] = np.array([-np.inf, np.inf])[:, None], False
+                continue
             held[own] = self.moves_hold(places[own], start, of[own], last)  # check 3.30
             if self.lines is not None:
                 box = self.boxes(places[own])
                 # check 3.68
-                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer)
-        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe))
+                held[own] &= self.lines.hold(self, box, places[own], start, of[own], swept[own], 4 * finer[0])
+        counted = numbers.size * FEW >= self.clear.shape[1] and all(map(self.pieces, self.unsafe)) and not self.at_once
         for j, (begin, end) in zip(moving, pairwise(np.searchsorted(which, np.arange(len(moving) + 1))), strict=True):
             own = slice(begin, end)
             looked_at, ways = places[own], swept[own]

@@ -8,11 +8,12 @@ import mutations
 import numpy as np
 import pytest
 from changes import unlisted
-from forged_robots import FORGERIES, ROBOTS, save
+from forged_robots import CLEAR, FORGERIES, NEARER, ROBOTS, save
 from naive_certified import CIRCLE, LINE, SMALL, STILL
 
 import sdhj
-from sdhj.certified.check import verify
+from sdhj.certified.check import verify, windows
+from sdhj.certified.check.robots import Robot, Unbounded
 
 BESIDE = {name: ROBOTS[name][0] for name in ("hidden", "hidden and moving")}  # what is given beside the file
 SAYS = dict.fromkeys(BESIDE, "rests on what is stated of wall")
@@ -56,8 +57,42 @@ def test_what_is_true_is_proved(name, files, tmp_path):
     assert proves(verify, tmp_path / "true.h5", name)
 
 
+@pytest.mark.parametrize("name", ["line", "tide"])
+def test_pieces_in_which_nothing_is_bounded_leave_open_what_shorter_ones_prove(name, files, tmp_path, monkeypatch):
+    piece, asked = Robot.piece, []
+
+    def fail(self, box, moved, j, times, far, closer):
+        asked.append(closer)
+        if not closer:
+            raise Unbounded("nothing was found")
+        return piece(self, box, moved, j, times, far, closer)
+
+    (tmp_path / "true.h5").write_bytes(files(name))
+    monkeypatch.setattr(Robot, "piece", fail)
+    assert proves(verify, tmp_path / "true.h5", name) and set(asked) == {False, True}
+    forgery = next(one for one in FORGERIES.values() if one.robot == name)
+    assert any(
+        forgery.said in said for said in refusals(verify, forgery.write(files(name), tmp_path / "f.h5"), forgery)
+    )
+    monkeypatch.setattr(Robot, "driven", fail_always)
+    with pytest.raises(ValueError, match="nothing was found"):
+        verify(tmp_path / "true.h5", progress=False)
+
+
+def fail_always(*_):
+    raise Unbounded("nothing was found")
+
+
 @pytest.mark.parametrize("name", FORGERIES)
 def test_what_is_false_is_refused_with_its_sentence(name, files, tmp_path):
+    forgery = FORGERIES[name]
+    path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
+    assert any(forgery.said in said for said in refusals(verify, path, forgery))
+
+
+@pytest.mark.parametrize("name", [name for name, one in FORGERIES.items() if one.said in (CLEAR, NEARER)])
+def test_what_is_false_is_refused_where_all_cells_are_looked_at_at_once(name, files, tmp_path, monkeypatch):
+    monkeypatch.setattr(windows, "LEAST_CELLS", 1)
     forgery = FORGERIES[name]
     path = forgery.write(files(forgery.robot), tmp_path / "forged.h5")
     assert any(forgery.said in said for said in refusals(verify, path, forgery))
@@ -98,8 +133,8 @@ MUTATIONS = {
     "layers have no width": ("1.9 put 7 sorted({11} + 0.01 * i for i in range(len({7})))", "standing"),
     "layers are cells": ("1.10 drop 4", "standing"),
     "a short piece beside a layer": ("1.11 false 4", "standing soon"),
-    "room only where something grows": ("1.12 drop 6", "standing"),
-    "errors of measurements before": ("3.9 drop 15", "one measurement that errs"),
+    "room only where something grows": ("1.12 drop 4", "standing"),
+    "errors of measurements before": ("3.9 drop 9", "one measurement that errs"),
     "errors of measurements after": ("3.10 drop 7", "one measurement that errs"),
     "what is remembered": ("3.11 false 1", "errors that are forgotten"),
     "images shrunk once": ("3.12 put 17 2 * {17}", "images shrunk by too much"),
@@ -118,10 +153,10 @@ MUTATIONS = {
     "walls": ("3.18 copy 2 5", "a wall that holds"),
     "the time of a piece": ("3.19 copy 16 18; copy 19 21", "the tide of another hour"),
     "the time of a step": ("3.20 zero 15", "the tide of another hour"),
-    "the whole time of a piece": ("3.21 put 16 {16}[:1] * 2", "a little later"),
-    "room to stay in": ("3.22 true 1", "less growth"),
+    "the whole time of a piece": ("3.21 put 20 {20}[:1] * 2", "a little later"),
+    "room to stay in": ("3.22 put 2 {2} | True", "less growth"),
     "all that is reached from the box": ("3.23 drop 8", "a speed that grows"),
-    "a closer tube": ("3.23 copy 3 1; zero 5", "rail"),
+    "closer bounds": ("3.89 false 1", "standing"),
     "the face in which the last can be": ("3.24 drop 13", "less growth"),
     "the face on its side": ("3.24 number 12 1", "growth from the lower end"),
     "the worst in a face": ("3.25 zero 10", "less growth"),

@@ -48,7 +48,7 @@ def test_boxes_cover_what_is_looked_up(axis, rng):
             upper = Fraction(float(wide[1, j % n])) + (end - begin) * (j // n)
             slack = Fraction(1, 10**14) if own.periodic[axis] else 0
             assert lower <= a + slack and b <= upper + slack
-            few = Fraction(2 * own.wider[axis] + 4 * NEAR[axis])
+            few = Fraction(2 * own.wider[0, axis] + 4 * NEAR[axis])
             assert i == j or (a <= Fraction(float(wide[1, i])) + few and b >= Fraction(float(wide[0, j % n])) - few)
 
 

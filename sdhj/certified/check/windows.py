@@ -1,0 +1,268 @@
+"""Cells and boxes as bits, united over windows: what tubes of many cells meet at once, and which images leave a set.
+
+Where no place is on the axes of a set, a tube goes along with its cell. It is met where one of the boxes is that it
+overlaps, a window of them along each axis: so boxes that may meet the set are united over windows, axis by axis, and
+what several tubes have in common is united once. Where all cells are at one place, images are windows of cells, too.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from sdhj.certified.check.bits import Array, compiled, packed, unpacked
+from sdhj.certified.check.lattice import Holds, Lattice, pieces_united
+
+LEAST_CELLS = 1 << 16  # that one tube goes along with; with fewer, tubes are looked up one by one
+PIECES = 2  # of a part of an interval, in which tubes are bounded
+MOST_TUBES = 1 << 12  # of all inputs and places
+
+Windows = tuple[Array, Array, Array]  # the first and the last box, both (K, cells), and which of the K a tube has, (M,)
+
+
+def worth_while(counts: Sequence[int], known: Sequence[bool], inputs: int, sets: Iterable[Sequence[int]]) -> bool:
+    """Whether few tubes go along with many cells, and no place is on the axes of sets: `known` (ndim,) has places."""
+    places = math.prod(n for n, own in zip(counts, known, strict=True) if own)
+    many = inputs * places <= MOST_TUBES and math.prod(counts) >= LEAST_CELLS * places
+    return many and not any(known[axis] for axes in sets for axis in axes)
+
+
+@compiled()
+def unite(boxes, first, last, out):
+    """out[a, i] = OR of boxes[a, at % n] for `at` from first[i] to last[i]: boxes (A, n, B), out (A, cells, B)."""
+    for a in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            own = out[a, i]
+            for at in range(first[i], last[i] + 1):
+                more = boxes[a, at % boxes.shape[1]]  # check 4.64
+                for b in range(own.size):
+                    own[b] |= more[b]
+
+
+@compiled()
+def unite_bits(boxes, first, last, size, out):
+    """As `unite` along bits, of which a row has so many: boxes (A, bytes), out (A, bytes)."""
+    for a in range(out.shape[0]):
+        for i in range(first.size):
+            for at in range(first[i], last[i] + 1):
+                bit = at % size  # check 4.65
+                if (boxes[a, bit >> 3] >> (bit & 7)) & 1:
+                    out[a, i >> 3] |= np.uint8(1 << (i & 7))
+                    break
+
+
+@compiled()
+def reach(cells, first, last, out):
+    """out[a, at % n] |= cells[a, i] for `at` from first[i] to last[i]: cells (A, cells, B), out (A, n, B)."""
+    for a in range(out.shape[0]):
+        for i in range(first.size):
+            own = cells[a, i]
+            for at in range(first[i], last[i] + 1):
+                more = out[a, at % out.shape[1]]
+                for b in range(own.size):
+                    more[b] |= own[b]
+
+
+@compiled()
+def reach_bits(cells, first, last, size, out):
+    """As `reach` along bits, of which a row has so many: cells (A, bytes), out (A, bytes)."""
+    for a in range(out.shape[0]):
+        for i in range(first.size):
+            if (cells[a, i >> 3] >> (i & 7)) & 1:
+                for at in range(first[i], last[i] + 1):
+                    bit = at % size
+                    out[a, bit >> 3] |= np.uint8(1 << (bit & 7))
+
+
+def along(cells: Array, n: int, axis: int, packs: bool, first: Array, last: Array, back: bool = False) -> Array:
+    """Boxes united over the window of each cell along an axis of n of them, which may be the packed one.
+
+    back : the boxes in windows of cells are united instead
+    """
+    if first.size == n and (first == np.arange(n)).all() and (first == last).all():
+        return cells
+    before, after = math.prod(cells.shape[:axis]), math.prod(cells.shape[axis + 1 :])
+    size = n if back else first.size
+    out = np.zeros((*cells.shape[:axis], -(-size // 8) if packs else size, *cells.shape[axis + 1 :]), np.uint8)
+    if packs:
+        (reach_bits if back else unite_bits)(cells.reshape(before, -1), first, last, n, out.reshape(before, -1))
+    else:
+        given = cells.reshape(before, -1, after), first, last, out.reshape(before, size, after)
+        (reach if back else unite)(*given)
+    return out
+
+
+def united(
+    boxes: Array, shape: Sequence[int], windows: Sequence[Windows], some: Array
+) -> Iterator[tuple[Array, Array]]:
+    """Which of some tubes (n,) are alike, and from which cells what they overlap is met: packed, as the boxes are.
+
+    shape : of the boxes on all axes. One axis after the other is united, the last one first.
+    """
+    axis = len(windows) - 1
+    if axis < 0:
+        yield some, boxes
+        return
+    first, last, of = windows[axis]
+    for key in np.unique(of[some]):
+        found = along(boxes, shape[axis], axis, axis == len(shape) - 1, first[key], last[key])
+        yield from united(found, shape, windows[:axis], some[of[some] == key])  # check 4.66
+
+
+def overlapped(cells: Any, shape: Sequence[int], windows: Sequence[Windows], some: Array) -> Array:
+    """Which boxes some tubes (n,) overlap from cells that `cells` says of them, packed: the other way of `united`."""
+    axis = len(windows) - 1
+    if axis < 0:
+        return np.asarray(cells(some))
+    (first, last, of), out = windows[axis], np.empty(0)
+    for key in np.unique(of[some]):
+        own = overlapped(cells, shape, windows[:axis], some[of[some] == key])
+        wide = along(own, shape[axis], axis, axis == len(shape) - 1, first[key], last[key], True)
+        out = out | wide if out.size else wide
+    return out
+
+
+def each_once(first: Array, last: Array) -> Windows:
+    """Windows (M, cells), those that are alike once, and which of them each is."""
+    ends, of = np.unique(np.concatenate([first, last], axis=1), axis=0, return_inverse=True)
+    first, last = np.split(ends, 2, axis=1)
+    return np.ascontiguousarray(first), np.ascontiguousarray(last), of.ravel()
+
+
+class AtOnce:
+    """What holds of the cells of a `robots.Robot`, asked of all of them at once."""
+
+    def __init__(self, robot: Any) -> None:
+        """Nothing is looked at yet."""
+        self.robot, self.shape, self.places = robot, robot.counts.tolist(), robot.low.shape[2]
+        self.tubes, self.met, self.kept = np.empty(0), dict[tuple[int, int], Array](), (-1, list[Array]())
+
+    # ---- tubes
+
+    def look_at(self, start: int) -> None:
+        """Take the tubes of all inputs and places from a start on for what is asked then, if all are bounded."""
+        of, at = np.arange(self.robot.count).repeat(self.places), np.tile(np.arange(self.places), self.robot.count)
+        self.tubes, self.met = np.empty(0), {}
+        with suppress(ValueError):  # which is said of a tube that is unbounded in any pieces
+            self.tubes = self.robot.driven(at, of, self.robot.time(start), PIECES, True)[0]
+
+    def open_cells(self, flags: Array, step: int, j: int) -> Array:
+        """The numbers of the cells with flags (cells,) from which it is open whether u_j is clear in a step."""
+        if not self.tubes.size:
+            return np.flatnonzero(flags)
+        left = flags.reshape(self.shape) & ~self.past_ends(j)
+        for number, part in enumerate(self.robot.unsafe):
+            if part.counts(j):  # check 4.69
+                left &= ~self.of_all_cells(self.met_by(number, step)[j], part.axes)
+        return np.flatnonzero(flags & ~left.ravel())  # check 4.73
+
+    def past_ends(self, j: int) -> Array:
+        """From which cells a tube of u_j may get past an unsafe end: flags of all cells, to be broadcast."""
+        robot, places = self.robot, np.arange(self.places)
+        out, own = np.zeros([1] * len(self.shape), np.bool_), self.tubes[j * self.places : (j + 1) * self.places]
+        whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)  # check 4.76
+        for axis in np.flatnonzero(~robot.periodic & (np.array(robot.grid.ends) == "unsafe").any(axis=1)).tolist():
+            low, high = robot.along(axis, places, whole)
+            beyond = (low < robot.grid.lower[axis]) & (robot.grid.ends[axis][0] == "unsafe")  # check 4.74
+            beyond |= (high > robot.grid.upper[axis]) & (robot.grid.ends[axis][1] == "unsafe")  # check 4.75
+            out = out | self.of_all_cells(packed(beyond), [] if robot.known[axis] else [axis])
+        return out
+
+    def met_by(self, number: int, step: int) -> Array:
+        """From which cells of its axes tubes overlap what may meet an unsafe set in a step.
+
+        Packed: (inputs, places, *cells, bytes).
+        """
+        part, robot = self.robot.unsafe[number], self.robot
+        key, own = (number, step if part.moving else 0), list(part.axes)
+        if key not in self.met:
+            counts = robot.counts[own].tolist()
+            met = np.zeros((len(self.tubes), *counts[:-1], -(-counts[-1] // 8)), np.uint8)
+            lattice, every = self.lattice_of(part, step)
+            shape = lattice.shape.tolist()
+            for piece, signs in enumerate(every):
+                # of what stands still boxes are those of the whole interval
+                tubes = self.tubes[:, piece : piece + 1] if part.moving else self.tubes  # check 4.70
+                some = tubes.reshape(-1, 2, tubes.shape[-1])
+                windows = [self.windows(lattice, k, some[:, :, axis], axis) for k, axis in enumerate(own)]
+                asked = None
+                if len(own) == len(self.shape) and len(robot.clear) == 1:  # of where no input is clear nothing is asked
+                    clear, each = self.clear_in(0), tubes.shape[1]
+
+                    def cells(which: Array, clear: Any = clear, each: int = each) -> Array:
+                        """From which cells one of some tubes has to be clear."""
+                        return np.bitwise_or.reduce([clear[j] for j in np.unique(which // each).tolist()])
+
+                    asked = overlapped(cells, shape, windows, np.arange(len(some)))
+                boxes = lattice.united(signs, asked)
+                for alike, found in united(boxes, shape, windows, np.arange(len(some))):
+                    met[np.unique(alike // tubes.shape[1])] |= found  # check 4.71
+            self.met[key] = met.reshape(robot.count, self.places, *met.shape[1:])
+        return self.met[key]
+
+    def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[Holds]]]:
+        """A lattice, and what says whether its boxes may meet an unsafe set in each part of an interval, or always."""
+        robot, own = self.robot, list(part.axes)
+        low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.68
+        alike = np.maximum(np.ptp(low, axis=0), np.ptp(high, axis=0)) <= robot.near[own]
+        times = list(pairwise(robot.cuts(step))) if part.moving else [robot.always]
+        pieces = pieces_united(robot.counts[own].tolist(), alike, len(robot.clear) * len(times) if part.moving else 1)
+        edges = [robot.edges[axis] for axis in own]
+        outermost = np.stack([low.min(axis=0), high.max(axis=0)])
+        boxes = Lattice(edges, pieces, robot.periodic[own], robot.near[own], robot.sway[own], alike, outermost)
+        when = [(a - robot.jitter, b + robot.jitter) if part.moving else (a, b) for a, b in times]  # check 4.72
+        return boxes, [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
+
+    def windows(self, lattice: Lattice, k: int, tubes: Array, axis: int) -> Windows:
+        """The boxes along an axis, of a lattice its k-th, that tubes (M, 2) overlap from each cell."""
+        ends, of = np.unique(tubes, axis=0, return_inverse=True)
+        first, last, some = each_once(*lattice.overlapped(k, *self.robot.carried(axis, ends)))
+        return first, last, some[of.ravel()]
+
+    def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
+        """What is packed of cells along some axes at each place, (places, ...), as flags of all cells."""
+        order = [*np.flatnonzero(self.robot.known).tolist(), *axes]
+        flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
+        shape = [n if axis in order else 1 for axis, n in enumerate(self.shape)]
+        return flags.transpose(np.argsort(order)).reshape(shape)
+
+    # ---- steps
+
+    def clear_in(self, step: int) -> list[Array]:
+        """From which cells each input is said to be clear in a step, packed."""
+        if self.kept[0] != step:
+            clear = self.robot.clear[step]
+            flags = (((clear[:, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(self.robot.count))
+            self.kept = step, [*map(packed, flags)]
+        return self.kept[1]
+
+    def leads(self) -> bool:
+        """Whether `led` knows where inputs lead: from all cells alike, into boxes of cells, and past no safe end."""
+        return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
+
+    def led(self, step: int, following: Array) -> Array:
+        """From which cells a clear input leads into a set alone, `following`, or into the target itself: (cells,)."""
+        robot, start, most = self.robot, min(step, len(self.robot.low) - 1), self.robot.counts - 1
+        clear = self.clear_in(min(step, len(robot.clear) - 1))
+        out = np.zeros_like(clear[0])
+        windows = []
+        for axis, n in enumerate(self.shape):
+            first, last = (np.arange(n) + moves[start, :, 0, axis, None] for moves in (robot.low, robot.high))
+            whole = (last - first > most[axis]) if robot.periodic[axis] else first > last
+            if not robot.periodic[axis]:
+                first, last = np.clip(first, 0, most[axis]), np.clip(last, 0, most[axis])  # check 3.91
+            windows.append(each_once(np.where(whole, 0, first), np.where(whole, most[axis], last)))
+        missing = packed(~following.reshape(self.shape))
+        for alike, left in united(missing, self.shape, windows, np.arange(robot.count)):
+            for j in alike:
+                out |= clear[j] & ~left  # check 3.92
+        for j in range(robot.count if len(robot.arrives) else 0):
+            marks = (robot.arrives[min(step, len(robot.arrives) - 1), :, j // 8] >> np.uint8(j % 8)) & 1  # check 3.93
+            sites = [n if stride else 1 for n, stride in zip(self.shape, robot.sites.tolist(), strict=True)]
+            own = np.broadcast_to(marks.reshape(sites), (*sites[:-1], self.shape[-1]))
+            out |= clear[j] & packed(own)  # check 3.90
+        return unpacked(out, self.shape[-1]).ravel()

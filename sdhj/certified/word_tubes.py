@@ -1,0 +1,161 @@
+"""Which cells' tubes may meet an unsafe set, 64 cells at a time, where all cells along its axes move alike.
+
+Counted boxes (`sdhj.certified.general_proof`) are asked cell by cell. But where no velocity depends on the axes of an
+unsafe set, as with a pursuer in the plane, a tube overlaps the same boxes from each cell on: it is met where one of
+them is, a union of shifted sets. So boxes are bits, united axis by axis, and what several inputs and parts have in
+common is united once. An axis along which only the adversary moves, alike under all inputs, is taken into the boxes.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sdhj.certified.bounds import Bounds
+from sdhj.certified.cells import CellAxis
+from sdhj.kernels import FloatArray
+from sdhj.kernels.packed import to_words
+from sdhj.kernels.windows import united_along, united_in_words, with_beyond
+from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import UnsafeSet
+
+LEAST_AXES = 3  # with fewer, boxes are counted
+COUNTED = 4_000_000  # boxes that are fine enough when they are counted, at all times together
+BOXES = 4_000_000  # in which a level set is asked for, at all times together, or
+LEAST_PIECES = 2  # of a cell along each axis on which inputs move it, where that is more
+MOST_PIECES = 16
+ASKED_AT_ONCE = 1 << 22  # boxes
+ALIKE = 1e-12  # of the largest coordinate: how far moves under all inputs may differ by rounding
+
+
+class Lattice(NamedTuple):
+    """Boxes of an unsafe set: fine (d,) pieces of a cell on each of its axes, wider by `low` below and `high` above.
+
+    alike (d,) bool: the axes along which that is all that a tube is wider by than its cell.
+    """
+
+    axes: Sequence[CellAxis]
+    alike: FloatArray
+    fine: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def in_words(
+    problem: ReachAvoidProblem, depends: FloatArray, cells: Sequence[CellAxis], unsafe_set: UnsafeSet, parts: int
+) -> bool:
+    """Whether cells along the axes of an unsafe set are looked at 64 at a time: `goes_along` says that they may be, and
+    boxes of half a cell are too many to be counted. cells : of all axes.
+    """
+    axes = unsafe_set.axes
+    spans = parts * problem.most_steps if unsafe_set.moving else 1
+    many = math.prod(cells[k].count for k in axes) * 2 ** len(axes) * spans > COUNTED
+    return many and goes_along(problem, depends, axes)
+
+
+def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[int]) -> bool:
+    """Whether tubes and images go along with cells on some axes: these are many, the last of all among them, no image
+    depends on them, depends (ndim,) bool, and no end is safe.
+    """
+    last = axes[-1] == depends.size - 1
+    return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
+
+
+def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
+    """Into how many pieces cells are cut, (d,), where only a share of all boxes is asked for."""
+    cells = share * math.prod(axis.count for axis in axes)
+    pieces = int((BOXES / cells) ** (1 / max(int((~alike).sum()), 1)))
+    return np.where(alike, 1, min(max(pieces, LEAST_PIECES), MOST_PIECES))
+
+
+def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray, share: int) -> Lattice:
+    """The boxes for tubes (T, parts, d, 2), where only a share of all boxes is asked for; pushed (d,), half of the
+    adversary's way: taken into the boxes where it is less than a box.
+    """
+    least, most = tubes[..., 0].min(axis=1), tubes[..., 1].max(axis=1)
+    scale = np.array([axis.scale for axis in axes])
+    alike = (np.ptp(least, axis=0) <= ALIKE * scale) & (np.ptp(most, axis=0) <= ALIKE * scale)
+    widths, fine = np.array([float(axis.width) for axis in axes]), pieces_of(axes, alike, share)
+    sway = np.where(pushed < widths / fine, pushed, 0.0)
+    low = np.where(alike, -least.min(axis=0), sway)  # obligation 4.52
+    return Lattice(axes, alike, fine, low, np.where(alike, most.max(axis=0), sway))
+
+
+def boxes_in_words(
+    bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, far: int, times: tuple[float, float]
+) -> FloatArray:
+    """The boxes that may meet a set at some time, (*boxes, fine, more) uint64, as `with_margins` leaves them."""
+    low, high = [], []
+    for axis, fine, below, above in zip(
+        lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True
+    ):
+        corner = float(axis.lower) + float(axis.width) / fine * np.arange(axis.count * fine + 1)
+        low.append(corner[:-1] - below)
+        high.append(corner[1:] + above)
+    last, fine = lattice.axes[-1], int(lattice.fine[-1])
+    inner, sizes = math.prod(one.size for one in low[1:]), [one.size for one in low]
+    out = np.empty((*sizes[:-1], fine, -(-last.count // 64)), np.uint64)
+    for at in (
+        slice(i, i + max(ASKED_AT_ONCE // inner, 1)) for i in range(0, sizes[0], max(ASKED_AT_ONCE // inner, 1))
+    ):
+        meets = ~bounds.outside(unsafe_set, [low[0][at], *low[1:]], [high[0][at], *high[1:]], times)  # obligation 4.53
+        planes = np.moveaxis(meets.reshape(*meets.shape[:-1], last.count, fine), -1, -2)
+        out[at] = to_words(planes)
+    return with_margins(out, last, far)
+
+
+def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
+    """Planes (..., fine, W) with so many cells before and behind: those of a period, or the box at an end."""
+    more = 2 * -(-far // 64)
+    out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
+    wide = out.reshape(-1, *out.shape[-2:])
+    with_beyond(planes.reshape(-1, *planes.shape[-2:]), axis.count, far, axis.periodic, wide)
+    return out
+
+
+def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The boxes, first and last, that tubes (T, d, 2) of cell 0 overlap, both (T, d): others from `fine` i on."""
+    pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
+    first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)  # obligation 4.55
+    last = lattice.fine - 1 + np.ceil((tubes[..., 1] - lattice.high - narrow) / pitch).astype(np.int64)
+    return np.where(lattice.alike, 0, first), np.where(lattice.alike, 0, np.maximum(first, last))
+
+
+def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
+    """Cells before and behind a row that windows (T, d) may reach into."""
+    fine = lattice.fine[-1]
+    return 0 if lattice.alike[-1] else max(-int(first[:, -1].min() // fine), int(last[:, -1].max() // fine), 0)
+
+
+def united(
+    boxes: FloatArray, lattice: Lattice, first: FloatArray, last: FloatArray, some: FloatArray, axis: int
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Which of some tubes (n,) are met from which cells, alike for several: their numbers, and (*cells, W) uint64.
+
+    boxes : as `boxes_in_words`, united already along the axes behind `axis`.
+    """
+    if axis < 0:
+        yield some, boxes
+        return
+    ends = np.stack([first[some, axis], last[some, axis]], axis=1)
+    for a, b in np.unique(ends, axis=0).tolist():
+        yield from united(
+            _along(boxes, lattice, axis, a, b), lattice, first, last, some[(ends == [a, b]).all(axis=1)], axis - 1
+        )
+
+
+def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int) -> FloatArray:
+    """Boxes united over a window along an axis."""
+    own, fine = lattice.axes[axis], int(lattice.fine[axis])
+    if axis == len(lattice.axes) - 1:
+        out = np.empty((*boxes.shape[:-2], -(-own.count // 64)), np.uint64)
+        united_in_words(boxes.reshape(-1, *boxes.shape[-2:]), first, last, out.reshape(-1, out.shape[-1]))
+        return out
+    if fine == 1 and first == last == 0:
+        return boxes
+    before, after = math.prod(boxes.shape[:axis]), math.prod(boxes.shape[axis + 1 :])
+    out = np.empty((*boxes.shape[:axis], own.count, *boxes.shape[axis + 1 :]), np.uint64)
+    wide = boxes.reshape(before, -1, after)
+    united_along(wide, first, last, fine, own.periodic, out.reshape(before, own.count, after))
+    return out

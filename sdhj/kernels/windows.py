@@ -1,0 +1,112 @@
+"""Boxes that may meet a set as packed bits, united over the stretch of boxes that a tube of each cell overlaps.
+
+Along each axis `fine` boxes make a cell. Where all cells move alike, cell i overlaps the boxes fine i + first, ...,
+fine i + last of an axis: so what all of them meet is united axis by axis, 64 cells of the last axis at a time.
+"""
+
+import numpy as np
+from numba import prange
+
+from sdhj.kernels.compiling import kernel
+from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_word
+
+
+@kernel(parallel=True)
+def united_along(boxes, first, last, fine, periodic, out):
+    """out[a, i] = OR of boxes[a, fine i + first : fine i + last + 1], clipped at the ends of a bounded axis.
+
+    boxes (A, fine n, B), out (A, n, B) uint64.
+    """
+    (outer, count, inner), size = out.shape, boxes.shape[1]
+    for task in prange(outer * count):
+        a, i = np.int64(task) // count, np.int64(task) % count
+        for box in range(fine * i + first, fine * i + last + 1):
+            at = box % size if periodic else min(max(box, 0), size - 1)  # obligation 4.50
+            for word in range(inner):
+                own = boxes[a, at, word]
+                out[a, i, word] = own if box == fine * i + first else out[a, i, word] | own
+
+
+@kernel(parallel=True)
+def united_in_words(planes, first, last, out):
+    """Bit i of out[a] = OR of bits i + (box // fine) of planes[a, box % fine], first <= box <= last.
+
+    planes (A, fine, margin + W + margin), out (A, W) uint64: a box is bit i of plane m where it is fine i + m.
+    """
+    (rows, fine, more), words = planes.shape, out.shape[1]
+    start = 32 * (more - words)  # half of what is more is before
+    for row in prange(rows):
+        for word in range(words):
+            met = np.uint64(0)
+            for box in range(first, last + 1):
+                met |= shifted_word(planes[row, box % fine], word, start + box // fine)  # obligation 4.51
+            out[row, word] = met
+
+
+@kernel(parallel=True)
+def mark_met(clear, begin, offset, met, count):
+    """Clear bit j % 8 of byte j // 8 of the cells in whose words met[j] has a bit.
+
+    clear (cells, bytes) uint8, modified in place; met (L, rows, W) uint64; begin (rows,) : the number of the first cell
+    of a row, to which offset (n,) are added, for cells that are met alike; count : cells of a row.
+    """
+    inputs, rows, words = met.shape
+    for row in prange(rows):
+        for word in range(words):
+            some = np.uint64(0)
+            for j in range(inputs):
+                some |= met[j, row, word]
+            for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
+                if (some >> np.uint64(bit & 63)) & BIT == 0:
+                    continue
+                for byte in range(clear.shape[1]):
+                    gone = np.uint8(0)
+                    for j in range(8 * byte, min(8 * byte + 8, inputs)):
+                        gone |= np.uint8((met[j, row, word] >> np.uint64(bit & 63)) & BIT) << np.uint8(j & 7)
+                    for k in range(offset.size):
+                        clear[begin[row] + offset[k] + bit, byte] &= ~gone
+
+
+@kernel(parallel=True)
+def add_led(missing, clear, inputs, wanted, led, count):
+    """Set the bits of wanted cells that have none in `missing` and from which one of some inputs is clear.
+
+    missing, wanted, led (rows, W) uint64, `led` modified in place; clear (cells, bytes) uint8; inputs (n,); count :
+    cells of a row.
+    """
+    rows, words = led.shape
+    for row in prange(rows):
+        for word in range(words):
+            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
+            for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
+                if (some >> np.uint64(bit & 63)) & BIT == 0:
+                    continue
+                number = np.int64(row) * count + bit
+                for j in inputs:
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:
+                        led[row, word] |= BIT << np.uint64(bit & 63)
+                        break
+
+
+@kernel(parallel=True)
+def with_beyond(planes, count, far, periodic, out):
+    """Planes (A, fine, W) with what is so `far`, in bits, before and behind their `count` bits: out (A, fine, more).
+
+    That is the next lap of a periodic axis, and of a bounded one the box at its end. `out` is overwritten; half of its
+    words that are more are before.
+    """
+    rows, fine, words = planes.shape
+    margin = 32 * (out.shape[2] - words)
+    for row in prange(rows):
+        for plane in range(fine):
+            block, whole = out[row, plane], planes[row, plane]
+            block[:] = 0
+            for word in range(words):
+                block[(margin >> 6) + word] = whole[word] & bits_between(word, 0, count)
+            for d in range(1, far + 1):
+                before, after = (whole, whole) if periodic else (planes[row, 0], planes[row, fine - 1])
+                low, high = ((count - d) % count, (d - 1) % count) if periodic else (0, count - 1)
+                if has_bit(before, low):
+                    set_bits(block, margin - d, margin - d + 1)
+                if has_bit(after, high):
+                    set_bits(block, margin + count + d - 1, margin + count + d)
