@@ -481,8 +481,9 @@ class GeneralProof(Images):
         return out
 
     def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
-        """For each unsafe set that is met cell by cell its lattices (`lattice_of`), one for each step, or one for all
-        where it stands still.
+        """For each unsafe set that is met cell by cell its lattices (`lattice_of`): one for each step, or a single one.
+
+        A single one for a set that stands still. progress : as for `prepare`. centres : as for `lattice_of`.
         """
         made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         return [
@@ -529,10 +530,14 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are packed, (rows, W) uint64.
+        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        following : S_{k+1}^{n-1}. changed : by which rows and bits it differs from S_{k+1}^{n-2}; None: all may.
-        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`. prepared : what `prepare` returned.
+        Adds the cells that a clear input takes into `following`; without a target, keeps only those that one does.
+
+        prepared : what `prepare` returned.
+        following : S_{k+1}^{n-1}.
+        changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
+            may be there are asked about. None: all are.
         """
         prepared.add(cells, following, step, changed, self.clear, 1)
 

@@ -94,9 +94,9 @@ class Copy(GeneralProof):
         return len(PHASES) if "rounding" in self.without else 1
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, `clear`, `of_centres`, arrivals and ends, and make them read-only; nothing if that has been done.
+        """Fill moves, `clear`, `of_centres`, arrivals and ends, and make them read-only, unless that has been done.
 
-        progress : not used. ValueError where a bound is missing.
+        Returns the `Packing` that `add` needs. progress : not used. ValueError where a bound is missing.
         """
         if not self.low.flags.writeable:
             return Packing(self)

@@ -85,7 +85,7 @@ class LosingProof(Images):
         return np.stack(self.problem.grid.faces("fails"))
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill the moves of every input and vertex, and make them read-only. Called once, after `against`.
+        """Fill the moves of every input and vertex, make them read-only, and return the `Packing` that `add` needs.
 
         progress : whether to show a bar, as for `sdhj.solve`. ValueError where a bound is missing.
         """
@@ -125,7 +125,7 @@ class LosingProof(Images):
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, Lost_k^{n-1}, into Lost_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        prepared : not used.
+        prepared : what `prepare` returned.
         following : Lost_{k+1}^{n-1}.
         changed : the rows, and their words, in which `following` differs from Lost_{k+1}^{n-2}; only cells whose images
             may be there are looked at. None: all are.

@@ -77,10 +77,13 @@ class Lattice:
         alike: Array | None = None,
         tubes: Array | None = None,
     ) -> None:
-        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
+        """The lattice of cells with the given edges, (n + 1,) for each axis, each cell cut into so many pieces.
 
-        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
-        alike (axes,) : the axes along which boxes are whole cells with all that tubes (2, axes) stick out of them
+        pieces : a number for all axes, or one for each. periodic (axes,) : bool.
+        near (axes,) : how far off a cell a state counts as in it.
+        sway (axes,) : how far most tubes stick out of their cells to both sides.
+        alike (axes,) : bool, the axes along which boxes are whole cells, widened by all that `tubes` (2, axes) stick
+            out of them; None: there are none.
         """
         cuts = np.broadcast_to(pieces, len(edges)).tolist()
         self.edges = [
@@ -151,9 +154,10 @@ class Lattice:
         return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap.
+        """The first and the last box along an axis that tubes from `low` to `high`, arrays of one shape, overlap.
 
-        That of each cell where all are alike: low and high are then (M, cells).
+        At least one box. On a periodic axis the first is in the first lap, the last may be in the second. Along an axis
+        that is `alike`, low and high are (M, cells), and the box is that of each cell.
         """
         if self.alike[axis]:
             own = np.broadcast_to(np.arange(self.shape[axis]), low.shape)

@@ -379,11 +379,12 @@ class Robot(Sets):
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
     def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
+        """How far the ends of the boxes at places (M,) move under u_j in the interval from `start`, s: (swept, last).
 
-        At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
-        predicted or carried on. finer : into how many pieces each part is cut; closer : how each is bounded, as of
-        `piece`, which may find no bounds.
+        swept (M, parts, 2, ndim) : the farthest in each part.
+        last (2, M, ndim) : at the interval's end, whenever that is, to what is then predicted or carried on.
+        j : an index, or (M,). finer : into how many pieces each part is cut. closer : how each piece is bounded, as of
+            `piece`. `Unbounded` as of `piece`.
         """
         grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
@@ -758,9 +759,9 @@ class Robot(Sets):
         return Claim(ARRIVE, made, checked, wrong)
 
     def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
-        """Whether all that an input leads the cells at a site to from a step is in the target at its end: (M,) bool.
+        """Whether an input leads all of the cells at a site into the target at the end of a step's interval: (M,) bool.
 
-        pairs (M,) : j * sites + site. finer : as of `driven`.
+        pairs (M,) : of an input and a site, as j * sites + site. finer : the last two arguments of `driven`.
         """
         assert self.target is not None
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
@@ -928,9 +929,10 @@ class Robot(Sets):
     ) -> None:
         """Take out of `moving` and `open_`, in place, what is proved with bounds of `driven` that are so fine.
 
-        moving : for each input the places whose moves are not proved yet. open_ : for each input and step the cells
-        from which it is not proved clear yet, as indices into numbers and at, (M,): the cells' numbers and places.
-        start : which of the moves.
+        start : the index of the interval in the moves. finer : the last two arguments of `driven`.
+        moving : for each input the places whose moves are not proved yet.
+        open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
+        numbers, at (M,) : the flat numbers of the cells that are checked, and their places.
         """
         size = self.low.shape[2]
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
