@@ -423,7 +423,15 @@ class Robot(Sets):
         last = np.stack([least, most]) if self.jitter else moved
         if not self.sensing.memory:  # check 3.11
             return swept, held(last + OUTWARD * self.off)  # check 3.10
-        # what is carried on is that much farther inside, or in the middle
+        return swept, held(self.remembered(at, last))
+
+    def remembered(self, at: Array, last: Array) -> Array:
+        """How far the ends of what a robot that remembers carries on have moved, (2, M, ndim).
+
+        at : the boxes (2, M, ndim) that it had. last : how far the ends of what these lead to have moved. Carried on is
+        what is E inside of that, or its middle where there is none; of what has reached a wall, the layer there.
+        """
+        grid = self.grid
         first, second = at + last - OUTWARD * self.off
         middle = (first > second) & self.known  # check 3.13
         points = np.where(middle, (first + second) / 2 - at, last - OUTWARD * self.off)  # check 3.12
@@ -434,7 +442,7 @@ class Robot(Sets):
         beside += STICKS_OUT * self.scale
         points[1] = np.maximum(points[1], np.where(whole[0], grid.lower + beside - at[1], -np.inf))  # check 3.81
         points[0] = np.minimum(points[0], np.where(whole[1], grid.upper - beside - at[0], np.inf))  # check 3.82
-        return swept, held(np.where(at_wall, last, points))
+        return np.where(at_wall, last, points)
 
     def known_at_wall(self, places: Array) -> Array:
         """Along which axes a controller that remembers to be in a cell at places (M,) knows the state: (M, ndim) bool.
