@@ -22,19 +22,22 @@ Move = tuple[tuple[Fraction, Fraction], ...]
 
 
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
-    """The axes that the target depends on, if these are a problem of their own and not all axes; else [].
+    """The target's axes, if these are a problem of their own and not all axes of the grid; else [].
 
-    They are one where the velocity along each is the same everywhere (`is_steady`).
+    The target's axes are a problem of their own where the velocity along each of them depends on the input and the
+    disturbance alone (`is_steady`). A problem without a target has none: [].
     """
     own = [] if problem.has_no_target else list(problem.target.axes)
     return own if len(own) < problem.grid.ndim and all(is_steady(problem, axis) for axis in own) else []
 
 
 def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: int) -> float:
-    """The share of the states, from 0 to 1, from which the certified recursion on the target's axes alone reaches the
-    target within some steps from step 0; nothing is unsafe.
+    """The share of the states, from 0 to 1, that are proved to reach the target within `steps` steps by its axes alone.
 
-    axes : the cells of each of `axes_alone`
+    The states start at step 0. Unsafe sets and all other axes are left out: the recursion is that of Theorem 2 with
+    nothing unsafe.
+
+    axes : the cells of each of the axes that `axes_alone` returns, in that order.
     """
     moves = list(dict.fromkeys(_move(problem, j) for j in range(len(problem.inputs))))
     bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
@@ -53,12 +56,16 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
 
 
 def _move(problem: ReachAvoidProblem, j: int) -> Move:
-    """How far u_j may move a state in one interval on each of the target's axes, at least and at most, exactly."""
+    """The least and the greatest displacement in one interval under u_j along each of the target's axes, exactly."""
     return tuple(moved_bounds(problem, axis, j) for axis in problem.target.axes)
 
 
 def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -> FloatArray:
-    """Whether each cell, its lower and upper ends moved by a move, lies in the target at time t: bool, (*counts)."""
+    """Whether each cell, with its lower and upper ends displaced by `move`, is proved to lie in the target at time t.
+
+    Returns bool of shape (*counts), the numbers of cells of each of `axes`. move : the least and the greatest
+    displacement along each axis; zeros for the cells themselves.
+    """
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
     sides += [[own[1:] + float(ahead) for own, (_, ahead) in zip(edges, move, strict=True)]]
@@ -68,9 +75,10 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -
 
 
 def _led_into(axes: Sequence[CellAxis], moves: Sequence[Move], inside: FloatArray) -> FloatArray:
-    """Which cells some move leads into a set of cells `inside` (*counts): bool, of the same shape.
+    """Which cells some of `moves` leads into the set `inside`, bool (*counts): bool of the same shape.
 
-    Their images, rounded out to whole cells, lie in it; images are products, so the set is eroded axis by axis.
+    The image of a cell, rounded out to whole cells, has to lie in the set. As an image is a product over the axes, the
+    set is eroded along one axis after the other.
     """
     led: dict[Move, FloatArray] = {(): inside}
     for move in moves:

@@ -29,10 +29,13 @@ SITES_AT_ONCE = 1 << 18
 def sites_of(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, int, int]]:
-    """Strides (ndim,): a cell is at the site sum(cell * strides); and the shape (starts, sites, bytes) of
-    `GeneralProof.arrives`, all 0 where images are judged by cells alone: without a target, or with sensing.
+    """The strides of sites, (ndim,) int64, and the shape (starts, sites, bytes) of the array `GeneralProof.arrives`.
 
-    depends : (ndim,) bool, the axes of a place
+    A cell is at the site sum(cell * strides). starts is 1 where neither the dynamics nor the target depends on time,
+    else N; bytes hold one bit for each input. Strides and shape are 0 where images are judged by cells alone: without a
+    target, or with `Sensing`.
+
+    depends : (ndim,) bool, the axes of a place (`place_axes`).
     """
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
@@ -46,19 +49,25 @@ def sites_of(
 
 
 class Arrivals:
-    """Which inputs lead a cell's whole image into the target itself: fills `GeneralProof.arrives`, image by image."""
+    """Finds which inputs lead all of a cell's image into the target itself, and marks them in `GeneralProof.arrives`.
+
+    `add` is called once for each start, input and range of places, while the proof is prepared.
+    """
 
     def __init__(self, proof: Any) -> None:
-        """The arrivals of a `GeneralProof` that is being prepared; none is known yet."""
+        """Keep the `GeneralProof` that is being prepared, whose array `arrives` is all zeros until `add` is called."""
         self.proof, self.near = proof, dict[int, FloatArray]()
         starts, count, *_ = proof.low.shape
         self.most = max(MOST_PIECES // (max(starts, len(proof.arrives)) * count), 1 << 12)
 
     def add(self, start: int, j: int, places: FloatArray, last: FloatArray) -> None:
-        """Set the bits of u_j in `proof.arrives` at all sites of places (M,) from where it leads into the target.
+        """Set the bit of u_j in `proof.arrives`, in place, at each site of places (M,) that u_j leads into the target.
 
-        start : of the moves, 0 where one is for all steps. last (M, ndim, 2) : how far the lower and upper ends of
-        cells move in the interval.
+        Does nothing where images are judged by cells alone.
+
+        start : the index of the interval in `proof.low` and `proof.high`; 0 where one image serves all steps, which are
+            then all marked.
+        last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the end of the interval.
         """
         arrives, proof = self.proof.arrives, self.proof
         if not len(arrives):
@@ -71,10 +80,14 @@ class Arrivals:
                 self._mark(step, start, j, places[some], last[some], free)
 
     def _mark(self, step: int, start: int, j: int, places: FloatArray, last: FloatArray, free: Sequence[int]) -> None:
-        """Set the bits of u_j in `proof.arrives` for places (M,) and the interval from one step: `add`, of few places.
+        """Set the bit of u_j in `proof.arrives`, in place, for places (M,) and the interval from one step.
 
-        All of a cell's image has to be inside the target at the interval's end. start : of the moves. last (M, ndim, 2)
-        : how far the ends of cells move. free : the target's axes that are no place's, on which all cells are asked.
+        A bit is set where all of the image, with twice the shell around it, is proved to be inside the target at the
+        interval's end.
+
+        step : k of that interval. start : its index in `proof.low` and `proof.high`.
+        last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the interval's end.
+        free : those of the target's axes that no place depends on; along these every cell is asked about.
         """
         proof, target, t = self.proof, self.proof.problem.target, self.proof.problem.time(step + 1)  # obligation 9.8
         own, near = proof.cells_at(places), self._near(step)
@@ -95,9 +108,11 @@ class Arrivals:
         proof.arrives[step, cells[inside] @ proof.sites, j // 8] |= np.uint8(1 << j % 8)
 
     def _along(self, axis: int, own: FloatArray, by: FloatArray, free: Sequence[int]) -> FloatArray:
-        """The numbers, along an axis, of cells `own` (M, ndim) that move `by` (M,) cells, broadcastable to (M, *free).
+        """The indices along one axis of the cells `own` (M, ndim), each moved on by `by` (M,).
 
-        On an axis of `free` those of all its cells. Around periodic axes; on others clipped to the first or last cell.
+        Returns int64 that broadcasts to (M, *free). Along an axis in `free` the index in `own` counts as 0, and the
+        result has one entry for every cell of the axis. On a periodic axis indices go around, on others they are
+        clipped to the first and the last cell.
         """
         cells, shape = self.proof.axes[axis], [-1] + [1] * len(free)
         at = (own[:, axis] + by).reshape(shape)
@@ -107,7 +122,10 @@ class Arrivals:
         return at % cells.count if cells.periodic else np.clip(at, 0, cells.count - 1)
 
     def _near(self, step: int) -> FloatArray:
-        """The cells, on the target's axes, that may meet the target at the end of the interval from a step: bool."""
+        """Which cells of the target's axes may meet the target at the end of the interval from `step`: bool (*counts).
+
+        Only the answer for the latest step is kept.
+        """
         if step not in self.near:
             target, t = self.proof.problem.target, self.proof.problem.time(step + 1)
             shape = [self.proof.axes[axis].count for axis in target.axes]

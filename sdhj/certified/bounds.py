@@ -25,26 +25,32 @@ Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), 
 
 
 def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
-    """The target, if there is one, and the unsafe sets."""
+    """A list of the target, if the problem has one, and the unsafe sets, in the problem's order."""
     return [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds on the velocity and the level sets of a problem.
+    """Bounds on the velocity and on the level-set functions of a problem, over boxes of states and intervals of time.
 
-    vertices (V, D) : of its box, to which the adversary keeps; u_j under vertex v is the input j * V + v. None: any.
+    vertices (V, D) : signs, -1 or 1, of the vertices of the disturbance's box, to which the adversary then keeps: the
+        index j * V + v stands for input j under vertex v. None: any disturbance within its bounds, and indices are
+        those of the inputs.
     """
 
     problem: ReachAvoidProblem
     vertices: FloatArray | None = None
 
     def input(self, j: int) -> int:
-        """The number of the problem's input that u_j applies: j itself or, with vertices, j // V."""
+        """The index in `problem.inputs` of the input that the index j stands for: j, or j // V with vertices."""
         return j if self.vertices is None else j // len(self.vertices)
 
     def velocity(self, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest velocity under u_j in boxes (M, ndim) and [t0, t1]: (2, M, ndim)."""
+        """The least and the greatest velocity under u_j for states in boxes from low to high, (M, ndim) each.
+
+        Returns (2, M, ndim), for all times from t0 to t1, s; infinite where no bound is known. Only the part of a box
+        that is on the grid counts.
+        """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
@@ -54,9 +60,11 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """The least (side 0) or greatest (1) velocity along one axis under u_j in boxes (M, ndim) and [t0, t1]: (M,).
+        """The least (side 0) or the greatest (side 1) velocity along one axis under u_j in boxes (M, ndim): (M,).
 
-        Where it can be, without the other components, which is faster than `velocity`.
+        It holds for all times from t0 to t1, s, and is the entry [side, :, axis] of `velocity`. Where the dynamics are
+        formulas of drift and gain, and the disturbance is not kept to vertices, the other components are not computed,
+        which is faster.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
@@ -65,13 +73,19 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """Least and greatest value of a set's function in boxes of its axes (M, axes) and in [t0, t1]: (2, M)."""
+        """The least and the greatest value of a level-set function in boxes (M, axes) of the set's axes: (2, M).
+
+        The bounds hold for all times from t0 to t1, s.
+        """
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 
     def _level(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """Least and greatest value of a function of some axes in boxes (M, axes) and in [t0, t1]: (2, M)."""
+        """The least and the greatest value of a function of `axes` over boxes (M, axes) during [t0, t1], s: (2, M).
+
+        function : a formula or a black box, bounded by its method `bounds_by_branch`.
+        """
         return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
 
     def signs(
@@ -82,11 +96,15 @@ class Bounds:
         times: tuple[float, float],
         halvings: int = 0,
     ) -> FloatArray:
-        """1 where a level set is > 0 in all of a box and at all times, -1 where it is <= 0, and 0 elsewhere: int8.
+        """The sign that a level-set function has in all of a box at all times: 1 where > 0, -1 where <= 0, else 0.
 
-        low, high : some intervals of each axis, in ascending order; all their products are boxes, and the shape is that
-            of their numbers. Tiles of many boxes are bounded first, and each box only where that leaves the sign open.
-        halvings : how often a box is cut in two along each axis while that may tell more.
+        Returns int8 of shape (n1, n2, ...), for the boxes that are products of n1 intervals along the first of the
+        set's axes, n2 along the second, and so on. Tiles of many boxes are bounded first, and a single box only where
+        its tile leaves the sign open. 0 means that the function has both signs, or that nothing is proved.
+
+        low, high : for each axis of the set the lower and the upper ends of its intervals, both ascending.
+        times : the least and the greatest time, s.
+        halvings : how often a box of open sign is cut in two along each axis.
         """
         return self._signs(part.axes, part.level_set, low, high, times, halvings)
 
@@ -99,10 +117,13 @@ class Bounds:
         halvings: int = 0,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """In which boxes, of those `asked` for, a set's function is > 0 everywhere and at all times: bool.
+        """In which boxes a set's level-set function is proved > 0 everywhere and at all times.
 
-        low, high, times, halvings : as of `signs`.
-        Functions of which it is the least are asked one by one, each only where all before it are > 0.
+        Returns bool of the shape that `signs` has. The function may be the least of several: these are asked one after
+        the other, each only where all before it are > 0.
+
+        low, high, times, halvings : as for `signs`.
+        asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
         for one in part.level_set.least_of:  # obligation 4.48
@@ -119,22 +140,22 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """1 where a function of some axes is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: int8.
+        """`signs` for any function: 1 where it is > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
 
-        The arguments are those of `signs`. asked : boxes that are bounded themselves; others have the sign of their
-        tile.
+        axes, function : the function, a formula or a black box, and the axes of the grid that it depends on.
+        asked : bool (n1, n2, ...), the boxes that are bounded one by one; any other box has the sign of its tile.
         """
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
-        for at in _some(np.arange(out.size)):
+        for at in _in_runs(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
             out.ravel()[at] = _sign(self._level(axes, function, picked(first, there), picked(last, there), *times))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _some(left):
+        for at in _in_runs(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
             ends = picked(low, there), picked(high, there)
@@ -150,10 +171,10 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """Whether a level-set function is surely <= 0 in all of boxes (M, axes) and at all times: (M,) bool.
+        """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,) bool.
 
-        Boxes for which that is open are cut in two along each axis, `halvings` times and into `most` pieces in all at
-        most; what is open then is False.
+        A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
+        are no more than `most`. A box that is still open then is False.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -181,10 +202,10 @@ class Bounds:
         halvings: int,
         most: int,
     ) -> FloatArray:
-        """1 where a function is > 0 in all of a box and at all times, -1 where it is <= 0, else 0: (M,) int8.
+        """The sign of a function in each box (M, axes) at all times: 1 where > 0, -1 where <= 0, else 0; (M,) int8.
 
-        Boxes (M, axes) for which that is open are cut in two along each axis, `halvings` times and into `most` pieces
-        in all at most.
+        A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
+        are no more than `most`.
         """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
@@ -204,25 +225,29 @@ class Bounds:
 
 
 def _sign(bounds: FloatArray) -> FloatArray:
-    """1 where the least of the values (2, M) is > 0, -1 where the greatest is <= 0, else 0."""
+    """The sign that bounds (2, M) prove: 1 where the least value is > 0, -1 where the greatest is <= 0, else 0."""
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _some(places: FloatArray) -> Iterator[FloatArray]:
-    """The places (n,), one run of at most `BOXES` of them after the other."""
+def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
+    """Yield the indices (n,) in runs of at most `BOXES`, one after the other."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 
 def picked(ends: Sequence[FloatArray], at: Sequence[FloatArray]) -> FloatArray:
-    """The points whose coordinate on axis i is ends[i][at[i]]: (M, axes)."""
+    """The points (M, axes) whose i-th coordinate is ends[i][at[i]], each at[i] (M,) being indices into ends[i]."""
     return np.stack([own[places] for own, places in zip(ends, at, strict=True)], axis=1)
 
 
 def within_grid(grid: Grid, axes: Sequence[int], low: FloatArray, high: FloatArray, bounded: Bounded) -> FloatArray:
-    """Least and greatest values (2, M, ...) of a function over boxes (M, axes), where they are on the grid.
+    """The least and the greatest values of a function over those parts of boxes (M, axes) that are on the grid.
 
-    They are cut at the ends of their axes and where a periodic one closes, and `bounded` is asked about the pieces.
-    axes : of the grid, those of the boxes.
+    Returns (2, M, ...). Boxes are cut at the ends of bounded axes and where a periodic axis closes, and of the pieces
+    of a box the extremes are taken.
+
+    axes : the axes of the grid that the boxes have, in that order.
+    bounded : called with the lower and the upper corners (n, axes) of pieces; returns least and greatest values, (n,
+        ...) each.
     """
     own, out = list(axes), np.empty((2, len(low), 0))
     ends, periodic = np.array([grid.lower, grid.upper]).take(own, axis=1), np.array(grid.periodic)[own]

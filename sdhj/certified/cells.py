@@ -49,26 +49,32 @@ POWERS = range(-40, 41)  # of two, in which decimals are looked for
 
 
 def exact(value: float) -> Fraction:
-    """The decimal that `value` is written as: 0.3 means three tenths, and 0.3 / 1024 what that divided by 1024 is.
+    """The decimal that `value` is written as, as a fraction: 0.3 is three tenths.
 
-    Of all decimals, times powers of two, that are this number when rounded, the one of fewest digits: so what is
-    scaled by a power of two is read as what it was, scaled. The number itself where they all have many digits.
+    Of all decimals times a power of two that round to this float, it is the one of fewest digits. So a number that was
+    scaled by a power of two is read as the scaled decimal: 0.3 / 1024 is three tenths over 1024. Where even that one
+    has more than `EXACT_DIGITS` digits, it is the float itself.
     """
     return _decimal(float(value), "", EXACT_DIGITS) or Fraction(value)
 
 
 def measured(value: float) -> Fraction:
-    """A number exactly, or the short decimal that its twelve digits are: 0.6000000000000001 means six tenths."""
+    """As `exact`, but the decimal may hold to twelve digits only: 0.6000000000000001 is read as six tenths.
+
+    Such a decimal has at most `FEW_DIGITS` digits.
+    """
     short = _decimal(float(value), "", EXACT_DIGITS)
     return short or _decimal(float(value), ".12g", FEW_DIGITS) or Fraction(value)
 
 
 @lru_cache(maxsize=4096)
 def _decimal(value: float, form: str, most: int) -> Fraction | None:
-    """The decimal, times a power of two, that a number is; None where it has more than `most` significant digits.
+    """The decimal, times a power of two, of fewest digits that a number is written as; None for more than `most`.
 
-    form : how the digits are written (`format`): "" for all of them, ".12g" for twelve.
-    A number is off by half a unit in the last place at most where all its digits are written, else by 5e-13 of it.
+    form : how the digits are written, a format of `format`; "" writes all of them, ".12g" twelve.
+
+    With all digits written the decimal is off the number by at most half a unit in the last place, with twelve by 5e-13
+    of it.
     """
     part, power = math.frexp(value)
     tried = [(value, 0), *((math.ldexp(part, by), power - by) for by in POWERS)]
@@ -83,7 +89,7 @@ def _digits(text: str) -> int:
 
 
 def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
-    """An interval that holds the period upper - lower; a point where both ends are short decimals."""
+    """The least and the greatest that the period upper - lower may be; equal where both ends are short decimals."""
     period = exact(upper) - exact(lower)
     short = all(_decimal(float(end), "", EXACT_DIGITS) is not None for end in (lower, upper))
     doubt = Fraction(0) if short else period / 2**49  # obligation 1.4
@@ -92,10 +98,11 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
 
 @dataclass(frozen=True)
 class CellAxis:
-    """The cells of one axis: [lower + i * width, lower + (i + 1) * width], the last one cut at the upper end.
+    """The cells of one axis, from its lower end on; the last one is cut at the upper end.
 
-    A periodic axis may have a length that is known up to an interval only, a bounded one has not. Where there are
-    layers, one before the first of these cells, one behind the last, they count as cells.
+    Cell i is [lower + i * width, lower + (i + 1) * width]. The length of a periodic axis may be known up to an interval
+    only; that of a bounded axis is exact. There may be a layer, a cell of no width, before the first and behind the
+    last of these cells; layers count as cells and have indices.
     """
 
     lower: Fraction
@@ -105,7 +112,7 @@ class CellAxis:
     layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end
 
     def __post_init__(self) -> None:
-        """ValueError where the cells do not cover the axis with each of them needed."""
+        """Raise ValueError where the last cell would be narrower than what is not known of the period."""
         if (self.count - sum(self.layers) - 1) * self.width >= self.extent[0]:
             raise ValueError(
                 "the last cell is narrower than the doubt about the period; choose another number of cells"
@@ -113,20 +120,20 @@ class CellAxis:
 
     @property
     def count(self) -> int:
-        """How many cells there are."""
+        """The number of cells, layers among them."""
         return math.ceil(self.extent[1] / self.width) + sum(self.layers)
 
     @cached_property
     def scale(self) -> float:
-        """The largest absolute coordinate, to which rounding and all that is allowed for it are relative."""
+        """The largest absolute coordinate on the axis, in its unit; allowances for rounding are a share of it."""
         return float(max(abs(self.lower), abs(self.lower + self.extent[1])))
 
     def edges(self) -> NDArray[np.float64]:
-        """Edges of the cells, shape (count + 1,), each rounded to the nearest float."""
+        """The ends of the cells, ascending, (count + 1,), each as the nearest float; read-only, computed once."""
         return _edges(self)
 
     def shares(self) -> NDArray[np.float64]:
-        """Each cell's share of the length of the axis, shape (count,)."""
+        """Each cell's share of the length of the axis, (count,), with a sum of 1; a layer has 0."""
         if any(self.layers):
             return np.diff(self.edges()) / float(self.extent[0])
         lengths = np.full(self.count, float(self.width))
@@ -134,13 +141,13 @@ class CellAxis:
         return lengths / lengths.sum()
 
     def image(self, back: Fraction, ahead: Fraction) -> tuple[IndexArray, IndexArray]:
-        """Which cells cover everything reachable from each cell that is moved by something in [back, ahead].
+        """The cells that everything in each cell may be in after a displacement in [back, ahead], in the axis's unit.
 
         Returns
         -------
         first, number : (count,) int64
-            Cell i ends up inside the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`. At
-            the ends of a bounded axis it is clipped.
+            The image of cell i lies in the cells first[i], first[i] + 1, ..., first[i] + number[i] - 1, modulo `count`.
+            On a bounded axis it is clipped to the first and the last cell.
         """
         cell = np.arange(self.count)
         first, last = (cell + by for by in self.moved(cell, float(back), float(ahead), True))  # obligation 2.23
@@ -149,10 +156,15 @@ class CellAxis:
         return first % self.count, np.minimum(last - first + 1, self.count)
 
     def moved(self, cell: IndexArray, low: Any, high: Any, known: bool) -> tuple[IndexArray, IndexArray]:
-        """The first and the last cell, from its own on, that a cell overlaps whose ends have moved: two (M,) int64.
+        """The first and the last cell that a cell overlaps after its ends have moved, as offsets from the cell.
 
-        low, high : how far the ends of each cell moved, (M,) or alike for all
-        known : whether the cells (M,) are these; otherwise any, and the answer is that of a cell of full width
+        Returns two (M,) int64. What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Not
+        clipped at the ends of the axis, unless there are layers. Offsets without a defined value are +-`UNCOUNTABLE`.
+
+        cell (M,) : the indices of the cells.
+        low, high : how far the lower and the upper ends have moved, in the axis's unit: (M,), or a number for all.
+        known : False if the answer is to hold for any cell of full width, wherever it is; `cell` is then not read,
+            unless there are layers.
         """
         width, drift = float(self.width), DRIFT * self.scale
         if any(self.layers):
@@ -169,9 +181,10 @@ class CellAxis:
         return _counted(first - cell), _counted(np.maximum(last, first) - cell)
 
     def _moved_to_walls(self, cell: IndexArray, low: Any, high: Any) -> tuple[IndexArray, IndexArray]:
-        """The first and last cell, from its own on, that a cell overlaps whose ends moved by low and high: two (M,).
+        """`moved` on an axis with layers: the first and the last cell that each cell then overlaps, as offsets.
 
-        `moved`, on an axis with layers: what is held at a wall as a whole is in its layer, and nothing else is.
+        Two (M,) int64. An image is in the layer at a wall where all of it is held at that wall; no other image overlaps
+        a layer. Drift is already taken off low and high.
         """
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
@@ -186,34 +199,35 @@ class CellAxis:
 
 
 def _counted(cells: NDArray[np.float64]) -> IndexArray:
-    """Numbers of cells as integers; what is too large for one, which has no defined integer, as `UNCOUNTABLE`."""
+    """Numbers of cells as int64, clipped to +-`UNCOUNTABLE`; NaN, for which there is no integer, as `UNCOUNTABLE`."""
     return np.nan_to_num(np.clip(cells, -UNCOUNTABLE, UNCOUNTABLE), nan=UNCOUNTABLE).astype(np.int64)
 
 
 @lru_cache(maxsize=64)
 def _edges(axis: CellAxis) -> NDArray[np.float64]:
-    """The ends of the cells of an axis, ascending, (count + 1,); layers have width 0."""
+    """The ends of the cells of an axis, ascending, (count + 1,), read-only; a layer has width 0. Cached."""
     (lower, upper), end = axis.layers, float(axis.lower + sum(axis.extent) / 2)
     inner = [float(axis.lower + i * axis.width) for i in range(axis.count - lower - upper)]
     return read_only(np.array([*inner[:lower], *inner, end, *[end] * upper]))
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
-    """The cells of a width on an axis of a grid, with that many layers at its ends; ValueError as of `CellAxis`."""
+    """The cells of this width on an axis of a grid, with `layers` at both ends; ValueError as of `CellAxis`."""
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
     return CellAxis(exact(lower), extent, width, periodic, layers)
 
 
 def sees_walls(problem: ReachAvoidProblem) -> bool:
-    """Whether a controller sees that a state is at a wall: nothing that it measures is off."""
+    """Whether measurements show that a state is at a wall: without an error and without a delay."""
     return not (np.any(problem.sensing.error) or problem.sensing.delay)
 
 
 def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
-    """How many layers there are at the lower and upper end of an axis: 1 at each wall where a velocity depends on it.
+    """The numbers of layers at both ends of an axis: 1 at a wall if some velocity depends on this coordinate.
 
-    0 where measurements err and nobody remembers: then it is not known whether a state is at the wall.
+    (lower, upper), 0 at ends that are no walls, and everywhere if nobody can know that a state is at the wall:
+    measurements err or come late, and the controller does not remember.
     """
     grid, known = (
         problem.grid,
@@ -225,9 +239,13 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 
 
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
-    """The cells of an axis that a file states: their width, a text such as "1/3", how many, and layers at both ends.
+    """The cells of an axis of a grid as a file states them.
 
-    ValueError where they do not cover the axis, are more than `MOST_CELLS`, or have layers at an end that is no wall.
+    width, count, layers : of a cell, a text such as "1/3"; the number of cells; the numbers of layers at both ends.
+        None of these is checked yet.
+
+    ValueError where the cells do not cover the axis, are more than `MOST_CELLS`, or have a layer at an end that is no
+    wall.
     """
     walls = grid.ends_where("holds")[:, axis].tolist()
     if not isinstance(layers, list | tuple) or [*layers] not in [
@@ -249,8 +267,10 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
 def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
     """The cells of all axes as arrays for compiled code.
 
-    rows : how many axes number the blocks. told : whether a state is in a layer only where it says so (`Cells`). A
-    layer is a cell like any other there, outside the wall: states at the wall are on its border.
+    A layer is there a cell of full width outside the wall, so states at the wall are on its border.
+
+    rows : how many leading axes number the blocks; the cells of the others are packed into bits.
+    told : whether only a point that says so is in a layer (`Cells.told`).
     """
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
@@ -265,9 +285,9 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
 
 
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
-    """Whether the velocity along an axis depends on input and disturbance alone, so that `moved_bounds` has a value.
+    """Whether the velocity along an axis depends on the input and the disturbance alone, as `moved_bounds` needs it.
 
-    With sensing, and dynamics that are not constant, only where the controller remembers.
+    With `Sensing`, and dynamics that are not constant, it is True only where the controller remembers.
     """
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
@@ -277,12 +297,15 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """Least and greatest velocity on one axis under input j, exactly, where the axis `is_steady`; found once."""
+    """The least and the greatest velocity along one axis under input j, exactly; only for an axis that `is_steady`.
+
+    Computed once for each axis and input, and remembered by the problem.
+    """
     return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
 
 
 def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """See `velocity_bounds`."""
+    """`velocity_bounds`, computed anew."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]
@@ -295,9 +318,10 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
 
 
 def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
-    """E on one axis, by how much a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
+    """E along one axis, how far a prediction may be off, exactly: error + delay (fast - slow) / 2; 0 without sensing.
 
-    For constant dynamics, whose velocity under any input lies between slow and fast, as far apart for all.
+    Only for constant dynamics; slow and fast are the least and the greatest velocity under any one input, whose
+    difference is the same for all inputs.
     """
     if not problem.sensing:
         return Fraction(0)
@@ -307,11 +331,11 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """How far one interval moves a prediction on one axis under input j, at least and at most, exactly, where the axis
-    `is_steady`: velocity times any length of the interval, widened by 2 E.
+    """The least and the greatest displacement of a prediction along one axis in an interval under input j, exactly.
 
-    From the prediction at its begin to any at its end, whenever it ends; with memory, to any that is then carried on,
-    which adds no E.
+    It is velocity times any length that the interval may have, widened by 2 E: from the prediction at the interval's
+    begin to the one at its end. For a controller that remembers it is not widened: there the next point is the one that
+    is carried on. Only for an axis that `is_steady`.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
@@ -321,10 +345,12 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 
 
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
-    """A cell width that divides every length in `moves` (and `extent` where `whole`), for about `wish` cells in all.
+    """A cell width that divides every length in `moves`, for about `wish` cells on an axis of length `extent`.
 
-    Where the lengths have no common measure that gives a sensible number of cells, extent / wish: sound as well, but
-    every image is rounded out to whole cells.
+    Where the lengths have no common measure that gives a sensible number of cells, it is extent / wish: this is sound
+    as well, but every image is rounded out to whole cells.
+
+    whole : whether the width is to divide the extent, too.
     """
     lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
     if not lengths:
@@ -338,12 +364,15 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
-    """The cells of each axis, about so many, of a width that divides how far an interval moves a state, if any does."""
+    """The cells of all axes, about cells[k] along axis k, of widths chosen as by `aligned_width`.
+
+    Where an axis `is_steady`, widths divide what an interval moves a state by, where possible.
+    """
     return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
 
 
 def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
-    """The cells of one axis for each wish, about how many there are to be; their width as of `aligned`."""
+    """The cells of one axis for each of `wishes`, about how many there are to be; widths as of `aligned_width`."""
     grid, moves = problem.grid, set()
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():

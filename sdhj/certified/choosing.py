@@ -95,10 +95,16 @@ BLACK_BOX, LOOK_UP = 100, 50  # operations
 
 
 class Speeds(NamedTuple):
-    """Of states drawn at random and all inputs: mean |J| (ndim, ndim), mean widths (ndim,) and extremes (2, ndim).
+    """What is known of the velocities by `speeds_of`, at states drawn at random and under all inputs.
 
-    jacobians (SPEED_STATES, ndim, ndim) : J of each state, under one of the inputs, without a disturbance
-    ways : how inputs move the axes with one velocity (`Ways`), or None
+    wider (ndim, ndim) : the mean of |J|; wider[i, k] is how much wider bounds on the velocity along axis i are in a
+        box, for each unit of its width along axis k.
+    widths (ndim,) : the mean width of the bounds on the velocity at a state, which is due to the disturbance.
+    extremes (2, ndim) : the least and the greatest velocity of all states, inputs and disturbances.
+    jacobians (SPEED_STATES, ndim, ndim) : J of each state, under one of the inputs, by differences, without a
+        disturbance.
+    ways : the displacements by the inputs along the axes with one velocity (`Ways`), or None where there is no such
+        axis.
     """
 
     wider: FloatArray
@@ -109,9 +115,11 @@ class Speeds(NamedTuple):
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
-    """The number of cells on each axis, before they are aligned, whose solve takes about so many seconds on two cores.
+    """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores.
 
-    parts : of an interval. By the model above; it is no clock.
+    By the model in the module docstring, so a problem has the same numbers on every machine.
+
+    parts : into which an interval is cut.
     """
     speeds, every = speeds_of(problem), list(range(problem.grid.ndim))
     steps = losing_steps(problem, speeds)
@@ -124,7 +132,10 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     )
 
     def kept(places: list[int]) -> float:
-        """By the model, what a choice of cells for each axis keeps: the sum over n of exp(-DECAY loss in n steps)."""
+        """What a choice of cells keeps by the model: the sum over n = 0..steps of exp(-DECAY * loss in n steps).
+
+        places : for each axis the index of its choice in `cells`.
+        """
         once = sum(rates[0, k] * float(cells[k][place].width) for k, place in enumerate(places))
         each = (float(lost[every, places].sum()) - once) / steps
         return sum(math.exp(-DECAY * (once + n * each)) for n in range(steps + 1))
@@ -196,11 +207,16 @@ def _by_axes_alone(
     rates: FloatArray,
     lost: FloatArray,
 ) -> list[int]:
-    """The choices by which most is kept of what the target's axes prove alone, where they are a problem of their own.
+    """The choice of cells, an index for each axis, by which most is kept of what the target's axes prove by themselves.
 
-    Of what these prove in time exp(-l) is left. In l the widths of these axes count `TUBES` times: tubes of wide cells
-    meet what is unsafe; and what is lost on the others, to widths at once and to rounding in each step, `LEFT` times;
-    both for each unit of what boundaries of unsafe sets take of the states outside.
+    [] where the target's axes are no problem of their own, or where no choice keeps anything. What is kept is the share
+    of the states that the recursion on these axes proves, times exp(-l). In l the widths of these axes count `TUBES`
+    times, since tubes of wide cells meet unsafe sets, and losses on the other axes `LEFT` times; both for each unit of
+    what the boundaries of unsafe sets take of the states outside.
+
+    parts : into which an interval is cut. seconds : what the solve may take.
+    cells : for each axis its choices of cells, from few to many.
+    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
     """
     alone, steps = axes_alone(problem), losing_steps(problem, speeds)
     if not alone:
@@ -221,18 +237,22 @@ def _by_axes_alone(
 
 
 def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
-    """The cells of each axis: of its choices, `cells`, the one at its place in `places`."""
+    """The chosen cells of every axis: cells[k][places[k]] for axis k."""
     return tuple(own[place] for own, place in zip(cells, places, strict=True))
 
 
 def _led_far(
     problem: ReachAvoidProblem, cells: Sequence[Sequence[CellAxis]], alone: Sequence[int], m: FloatArray, most: float
 ) -> list[dict[int, int]]:
-    """Choices of the axes of `axes_alone`, from few cells to many: {axis: place}.
+    """Choices of cells for the axes `alone`, from few cells to many: {axis: index of its choice in cells[axis]}.
 
-    On each the widest cells of which the input that leads farthest passes 1, 2, ...: if it leads k + 1/2 cells far, it
-    would pass k of wider ones. On all of them together those that lose about alike at once, m (ndim,) for each unit; no
-    more than `most` images of cells.
+    Along an axis only those choices count that are the widest cells of which the farthest displacement by an input
+    passes k whole ones, for k = 1, 2, ...; where there are none, all of them. On all axes together those are combined
+    that lose about alike.
+
+    cells : for each axis its choices of cells, from few to many.
+    m (ndim,) : what is lost at once for each unit of a cell's width.
+    most : the number of images, cells times inputs, from which on a choice is left out.
     """
     some, out = {}, list[dict[int, int]]()
     for axis in alone:
@@ -242,7 +262,7 @@ def _led_far(
         some[axis] = [i for i in range(1, len(whole)) if whole[i] > max(whole[i - 1], 0)] or [*range(len(whole))]
 
     def lost(axis: int, place: int) -> float:
-        """What an axis loses at once by the choice at a place: m times its cells' width."""
+        """What an axis loses at once by the choice with index `place`: m[axis] times the width of its cells."""
         return m[axis] * float(cells[axis][place].width)
 
     for factor in np.geomspace(1.0, MOST_OF_AN_AXIS, LEADING) / m[alone].max(initial=1e-300):
@@ -263,11 +283,14 @@ def _spread(
     lost: FloatArray,
     given: Mapping[int, int] = MappingProxyType({}),
 ) -> list[int]:
-    """Which of the choices of each axis, by their places, lose least of all that `seconds` and memory pay for.
+    """The choice of cells, an index for each axis, that loses least of all that `seconds` and memory pay for.
 
-    Each axis has the choice of least factor lost / share^(1 - SHARPNESS) + log(number of cells); the factor, one for
-    all, is found by bisection. rates (3, ndim) : of `losses`. lost (ndim, choices) : what each choice loses by them.
-    given : the places of axes that are chosen already.
+    Each axis has the choice of least factor * lost / share^(1 - SHARPNESS) + log(number of cells); the factor, one for
+    all axes, is found by bisection.
+
+    parts : into which an interval is cut. cells : for each axis its choices of cells, from few to many.
+    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
+    given : the indices of the axes that are chosen already.
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
@@ -278,11 +301,11 @@ def _spread(
         crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
-        """For each axis the choice of least factor lost / share^(SHARPNESS - 1) + crowd."""
+        """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd."""
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
-        """Whether the choices at these places (ndim,) fit into memory and time, and still lose more than `WORTH`."""
+        """Whether the choices with indices `places` (ndim,) fit into memory and time and lose more than `WORTH`."""
         axes = _picked(cells, places.tolist())
         large = peak(problem, axes, parts, *shapes(problem, axes, place_axes(problem, axes))[1:])
         paid = sum(cost(problem, axes, parts, speeds))
@@ -302,7 +325,10 @@ def _spread(
 
 
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
-    """Over how many steps losses add up: until the slowest coordinate that moves has crossed its axis, N at most."""
+    """The number of steps over which losses are added up: until the slowest coordinate that moves has crossed its axis.
+
+    At least 1, at most N and `LOSING_STEPS`; 1 where a velocity is undefined.
+    """
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
@@ -312,10 +338,10 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
 
 
 def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
-    """What a set loses of itself to the cells of each axis, (3, ndim), in `losing_steps` steps.
+    """What a set loses of itself to the cells of each axis, in `losing_steps` steps: (3, ndim).
 
-    The first two are for each unit of a cell's width, at once and in all steps, whose sum is c; the last is for each
-    unit of what `rounded_out` says, in all steps.
+    Rows 0 and 1 are for each unit of a cell's width, what is lost at once and what is lost in all steps together; their
+    sum is c of the module docstring. Row 2 is for each unit of what `rounded_out` returns, in all steps together.
     """
     m, turned = _crossings(problem), problem.delta * speeds.wider
     rounded = np.array([not is_steady(problem, axis) for axis in range(m.size)])
@@ -336,7 +362,10 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """What is lost to each of n choices of the cells of an axis, at its rates (3,) of `losses`: (n,)."""
+    """The share of a set that is lost to each of n choices of the cells of one axis: (n,).
+
+    rates (3,) : the axis's column of what `losses` returns.
+    """
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
@@ -344,11 +373,13 @@ def lost_to(
 
 
 def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways: "Ways") -> FloatArray:
-    """By how much images, rounded out to cells of some widths (n,), miss what inputs move by on a steady axis: (n,).
+    """By how much images in whole cells fall short of the displacements by the inputs along a steady axis: (n,).
 
-    Along each way (`Ways`) the best input leads by P at least, and the one that is best in whole cells by P' of these:
-    P - P' is lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that
-    ends too late misses it as well.
+    In the axis's unit, for each cell width in `widths` (n,). The axis is one of `ways.axes`. Along each way (`Ways`)
+    let the input that leads farthest lead by P, and the one that leads farthest in whole cells by P': then P - P' is
+    lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that ends too
+    late misses the target as well, and that is added. Where all inputs move the coordinate alike, it is half of what
+    rounding adds to both ends of an image.
     """
     drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
     at = ways.axes.index(axis)
@@ -378,11 +409,13 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways:
 
 
 class Ways(NamedTuple):
-    """Ways in which inputs may lead, and how far they do on the axes with one velocity.
+    """Directions in which inputs may lead, and the inputs' displacements in one interval, along the steady axes.
 
-    axes (a,), moves (a, L, 2) : these axes, and how far each input moves both ends of a state on them
-    scales (a,) : by how much inputs differ there; 0 where they are all alike
-    drawn (n, a) : unit vectors in these units, drawn at random
+    axes (a) : the numbers of the axes that are steady (`is_steady`).
+    moves (a, L', 2) : the least and the greatest displacement along each by each input; inputs that are alike count
+        once.
+    scales (a,) : the range of the inputs' mean displacements along each axis; 0 where all inputs are alike.
+    drawn (n, a) : unit vectors in units of these scales, drawn at random, each followed later by its opposite.
     """
 
     axes: list[int]
@@ -392,7 +425,7 @@ class Ways(NamedTuple):
 
 
 def _ways(problem: ReachAvoidProblem) -> Ways | None:
-    """The `Ways` of a problem; None where no axis is steady. The unit vectors are always the same."""
+    """The `Ways` of a problem; None where no axis `is_steady`. The directions are drawn with a fixed seed."""
     axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
     if not axes:
         return None
@@ -407,10 +440,12 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
 
 
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
-    """m (ndim,): how often lines along an axis cross the boundary of a set, for each unit of length inside it.
+    """m (ndim,): how often lines along each axis cross the boundary of a set, for each unit of length inside it.
 
-    Counted between the nodes of the problem's grid, for target, unsafe sets and unsafe ends, and added up.
-    left : for unsafe sets alone, and each unit of length that lines are outside
+    Counted between nodes of the problem's grid, or of a coarser one, for the target, each unsafe set and unsafe ends,
+    and added up.
+
+    left : count the unsafe sets alone, for each unit of length that lines are outside.
     """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
@@ -427,7 +462,7 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """How velocities change over small boxes at states drawn at random, and what they are there: see `Speeds`."""
+    """The `Speeds` of a problem: bounds on the velocity at random states, of a fixed seed, and in small boxes there."""
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
@@ -450,9 +485,12 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
 def cost(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
 ) -> tuple[float, float]:
-    """Seconds of one core that preparing a proof and the recursion take with these cells, by the constants above.
+    """The seconds of one core that preparing a proof takes, and those of the recursion, with these cells.
 
-    parts : of an interval. boxes : in how many each unsafe set is asked for
+    (preparing, recursion), counts of operations times the constants above.
+
+    parts : into which an interval is cut. boxes : in how many boxes the level-set function of each unsafe set is
+        bounded.
     """
     each = costs(problem, axes, parts, speeds, boxes)
     return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
@@ -494,7 +532,7 @@ def _cost_of_sets(
     cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
-        """Of how many cells an input's tubes are looked at for something that depends on some axes."""
+        """The number of cells for which an input's tubes are tested against what depends on the axes `axes_of`."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
@@ -576,7 +614,10 @@ def _moved_alike(speeds: Speeds) -> list[int]:
 
 
 def _operations(function: Any) -> int:
-    """How many operations a function takes for a point: those of its graph; `BLACK_BOX` if it cannot be read."""
+    """How many operations a function costs for a point: those of its graph, a look-up in a table as `LOOK_UP` of them.
+
+    A function that cannot be read, a `BlackBox`, counts as `BLACK_BOX` operations.
+    """
     if isinstance(function, BlackBox):
         return BLACK_BOX
     operations = [one.op for one in ordered(function.outputs)]

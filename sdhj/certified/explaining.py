@@ -31,8 +31,11 @@ NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
 
-    At the state's cell, with sensing at one that it may be measured in and that is not certified. A `within` of None,
-    or above N - step, is N - step. ValueError if q or step does not fit.
+    The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
+    A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q or step does
+    not fit.
+
+    table : the `CertifiedTable`.
     """
     problem, (step, within) = table.problem, table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), len(table.axes))
@@ -60,9 +63,11 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 
 
 def scanty(table: Any) -> Finding | None:
-    """A table that certifies next to nothing, with what may help.
+    """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
-    That is no more than the target's share of the state space, or less than a tenth of what `HJI` finds on a few nodes.
+    Next to nothing is at most a tenth of the state space, and either no more than the target's share or less than a
+    tenth of what `HJI` claims on a few nodes. Solves the problem on those nodes, which takes some time. table : the
+    `CertifiedTable`.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
@@ -90,7 +95,7 @@ def scanty(table: Any) -> Finding | None:
 
 
 def _advice(table: Any, states: FloatArray) -> str:
-    """What limits states (M, ndim) that a table lacks at step 0, and what helps, by its copies."""
+    """What limits states (M, ndim) that a table lacks at step 0, and what may help, by its copies: a text."""
     if (limits := _limits(table)) is None:
         return f"What may help: {UNTRIED}"
     causes, added = limits.gains(states, 0, table.steps)
@@ -102,14 +107,14 @@ def _advice(table: Any, states: FloatArray) -> str:
 
 
 def _remedies(causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
-    """What helps against causes, beside what was added."""
+    """What helps against causes, as texts, beside what was added; more cells where nothing else is known."""
     out = [one.helps for one in causes if one.helps]
     of_cells = len(out) < len(causes) or not causes
     return out + [TWICE] * (of_cells and not any(one.helps.startswith("more cells") for one in added))
 
 
 def _limits(table: Any) -> Any:
-    """The copies of a table; None where there are none."""
+    """The `Limits` of a table, solved at first use; None where its problem has no copies."""
     try:
         return table.limits
     except (ValueError, MemoryError):  # intervals cannot evaluate a function, say
@@ -117,9 +122,10 @@ def _limits(table: Any) -> Any:
 
 
 def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float, FloatArray]:
-    """The share of the state space in the tube of `HJI` on a coarse grid; which of `states` (M, ndim) are in it.
+    """The share of the state space in the tube of `HJI` on a coarse grid, and which of `states` are in it.
 
-    0 and none where the grid's method cannot solve the problem.
+    (share, (M,) bool) for states (M, ndim); 0.0 and all False where the method cannot solve the problem. Warnings and
+    findings of this solve are dropped.
     """
     grid, most = problem.grid, int(FEW_NODES ** (1 / problem.grid.ndim))
     few = replace(grid, shape=tuple(min(n, most) for n in grid.shape))
@@ -136,10 +142,13 @@ def _on_few_nodes(problem: ReachAvoidProblem, states: FloatArray) -> tuple[float
 
 
 class _Cell:
-    """A cell (ndim,) that is not certified, and by how much each input fails to lead it on safely."""
+    """One cell that is not certified: by how much each input fails to lead it on safely, and what would help."""
 
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
-        """Look at the cell of a state, at a step with `within` steps to go, by the intervals of the proof."""
+        """Look at the cell (ndim,), indices, of a state (ndim,), with `within` >= 1 steps to go from a step.
+
+        table : the `CertifiedTable`. Velocities are bounded anew, for boxes as they are.
+        """
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
         self.within = within
@@ -154,7 +163,10 @@ class _Cell:
         self.proof = Images(self.problem, table.axes, parts, every, nothing, nothing)
 
     def explained(self, says: str) -> Explanation:
-        """The explanation of a state in the grid: every input's failure, the nearest to success first."""
+        """The `Explanation` that begins with the text `says`: every input's failure, the nearest first, and advice.
+
+        Failures of inputs whose tube is clear come first, each kind sorted by how much is missing.
+        """
         clear = self.table.hazards(self.state[None], self.step)[0] <= 0
         failures = [self.uncovered(j) if clear[j] else self.met(j) for j in range(len(clear))]
         failures.sort(key=lambda one: (one.by not in COVER, -one.short))
@@ -162,7 +174,7 @@ class _Cell:
         return Explanation(False, says, tuple(failures), (*helps, *self.helps(failures[0])), causes)
 
     def limits(self) -> tuple[tuple[str, ...], list[str]]:
-        """What keeps the state out, by the table's copies, and what helps."""
+        """What keeps the state out, and what helps, by the table's copies: causes and advice, as texts."""
         if (limits := _limits(self.table)) is None:
             return (), [UNTRIED]
         causes, added = limits.gains(self.state[None], self.step, self.within)
@@ -171,9 +183,10 @@ class _Cell:
     # ---- the two obligations
 
     def uncovered(self, j: int) -> Failure:
-        """The failure of an input whose tube is clear: which cells of its image are not certified.
+        """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
-        `short` is minus their share of the image; 0, and `by` empty, where all are certified.
+        `short` is minus the share of the image's cells that are not; it is 0, and `by` empty, where all are certified.
+        `by` is "rounding" where the state alone leads to certified cells only, else "image".
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         held = self.table.proof.in_image(cells, self.cell, j, self.step)
@@ -191,7 +204,7 @@ class _Cell:
         return Failure(j, "image", -len(lost) / len(cells), says)
 
     def covered(self, j: int) -> bool:
-        """Whether all cells that the state alone, not its cell, may lead to are certified."""
+        """Whether all cells that u_j may lead the state alone to, not its whole cell, are certified next."""
         known, alone = self.table.cells, np.stack([self.state, self.state])
         _, last = self.proof.swept(alone[:, None], j, float(self.cuts[0]), FINEST)
         first, end = (alone + last[0].T - known.lower) / known.width
@@ -199,9 +212,10 @@ class _Cell:
         return not self.covering(low, np.maximum(np.ceil(end).astype(np.int64) - 1, low))[1].any()
 
     def covering(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The cells (M, ndim) of a box from low to high (ndim,), and which are not certified next: (M,) bool.
+        """The cells (M, ndim) of the box from low to high (ndim,), inclusive, and which are not certified: (M,) bool.
 
-        Their numbers are counted on over the end of a periodic axis, and clipped to bounded ones.
+        "Not certified" is for the next step, in the tube (step + 1, within - 1). Indices are clipped on bounded axes;
+        on periodic ones they count on over the seam, and at most one lap is returned.
         """
         known, table = self.table.cells, self.table
         high = np.where(known.periodic, np.minimum(high, low + known.counts - 1), np.clip(high, 0, known.counts - 1))
@@ -212,7 +226,11 @@ class _Cell:
         return cells, ~answer[0]
 
     def met(self, j: int) -> Failure:
-        """The failure of an input whose tube may meet something: which set or end is met first, when and how deep."""
+        """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
+
+        What is met is an unsafe set or an unsafe end. `short` is 0, and `by` empty, where the cell's own tube meets
+        nothing and only the larger boxes do by which the proof looks tubes up.
+        """
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
             return Failure(j, "", 0.0, "its tube is clear, but not of the larger boxes by which the proof looks it up")
@@ -222,7 +240,12 @@ class _Cell:
         return Failure(j, name, deep, says)
 
     def depths(self, j: int, box: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-        """For each end and unsafe set a lower bound on how far the tube of a box (2, ndim) is from it: (parts,)."""
+        """Yield for each end and unsafe set its name and how far the tube of a box (2, ndim) stays from it: (parts,).
+
+        Lower bounds, one for each part of the interval, <= 0 where the tube of u_j may meet the set: in the axis's unit
+        for an end, level-set values for a set. Ends that are not unsafe are infinitely far; sets that are not unsafe
+        under u_j are left out.
+        """
         tubes, _ = self.proof.swept(box[:, None], j, float(self.cuts[0]), FINEST)
         low, high = box[:, None] + np.moveaxis(tubes[0], 2, 0)
         ends, scales = zip(self.problem.grid.names, *self.problem.grid.faces("fails"), strict=True), self.scales
@@ -243,7 +266,10 @@ class _Cell:
     # ---- what would help
 
     def helps(self, nearest: Failure) -> Iterator[str]:
-        """Whether the nearest input meets something from the state alone, and which velocities are bounded loosely."""
+        """Yield advice, as texts: whether the input meets something from the state alone, and what is bounded loosely.
+
+        nearest : the failure of the input that comes nearest to success.
+        """
         names, ndim, j = self.problem.grid.names, len(self.state), nearest.input
         if nearest.by not in ("", *COVER):
             alone = dict(self.depths(j, np.stack([self.state, self.state])))

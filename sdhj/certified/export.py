@@ -130,7 +130,10 @@ def _refuse_delay(sensing: Sensing) -> None:
 
 
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
-    """The fields in `only`, each once, in the order of `FIELDS`; ValueError if one is none of these, or for none."""
+    """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text.
+
+    ValueError for another name, or for none.
+    """
     only = (only,) if isinstance(only, str) else tuple(only)
     for one in only:
         option("only", one, FIELDS)
@@ -140,7 +143,7 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
 
 
 def _exportable(table: Any) -> ReachAvoidProblem:
-    """The problem of a table; ValueError where the table is none that can be exported."""
+    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs."""
     if not isinstance(table, CertifiedTable):
         raise ValueError(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
@@ -156,7 +159,10 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 
 
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
-    """The numbers of all inputs, those first that are proved in most of `DRAWN_CELLS` random cells."""
+    """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells.
+
+    For a `Rule`: the first proved input of this order is preferred. The cells are drawn with a fixed seed.
+    """
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
@@ -166,8 +172,14 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
 
 
-def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
-    """The words of cells (M, ndim) at a step as the file has them, with these fields: (M, bytes) uint8."""
+def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
+    """The words of cells (M, ndim) at a step, with the given fields, as bytes of the file: (M, bytes) uint8.
+
+    The cells come in lines along `table.proof.along` (`InLines.cells`). A cell that is not certified has `NO_INPUT` and
+    no inputs; one in the target where no input is chosen has `ARRIVED`.
+
+    rule : which proved input the field "select" has (`Rule`).
+    """
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.has_no_target else min(1, left), None
     if "filter" in fields and within < left:
@@ -177,7 +189,7 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
     )  # an input of the fewest steps is one of all steps
 
     def mask(words: FloatArray) -> FloatArray:
-        """The bits of the inputs in words (M, numbers) uint32, as bytes (M, ceil(L / 8))."""
+        """The bits of the inputs in words (M, numbers) uint32, as bytes: (M, ceil(L / 8)) uint8."""
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
@@ -197,7 +209,14 @@ def records(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequenc
 
 
 class Packer:
-    """Gives numbers to words, and to bodies of blocks of words, each kept once: what the file is made of."""
+    """The different words and bodies of blocks of an exported file, each kept once and known by a number.
+
+    Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers.
+
+    known (room, size) uint8 : the words; the first `used` rows count.
+    blocks : for the caller, the numbers of the words of each piece, by block, in the order of the file.
+    bodies : the number of each body. index : the number of the body of each block packed so far.
+    """
 
     def __init__(self, size: int) -> None:
         """An empty collection of words of `size` bytes."""
@@ -206,7 +225,7 @@ class Packer:
         self.blocks: list[FloatArray] = []
 
     def add(self, found: FloatArray) -> FloatArray:
-        """The numbers (n,) uint32 of words (n, bytes) uint8; words that are new get the next ones and are kept."""
+        """The numbers (n,) uint32 of the words found (n, size) uint8; new words are kept and get the next numbers."""
         out = np.empty(len(found), np.int64)
         while (used := number_records(found, self.known, self.used, self.slots, out)) < 0:
             full = self.known  # all of it is used
@@ -217,7 +236,10 @@ class Packer:
         return out.astype(np.uint32)
 
     def pack(self, numbers: FloatArray, width: int) -> None:
-        """Pack blocks (B, cells) of numbers of words, `width` bytes each, into bodies, and keep each block's body."""
+        """Pack the numbers (B, cells) of the words of B blocks into bodies, `width` bytes a number.
+
+        Appends the number of each block's body to `index`. Called after the last `add`.
+        """
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
             body = room[: pack_block(one, width, seen, room)].tobytes()
@@ -225,18 +247,22 @@ class Packer:
 
 
 class InLines:
-    """The cells of a table, in pieces of whole blocks: of the first few axes one row of blocks, of the others all.
+    """The cells of a table in whole blocks, and the blocks in pieces of work of at most about `CELLS_AT_ONCE` cells.
+
+    A piece is one row of blocks along each of the first few axes, and all blocks along the others.
 
     Attributes
     ----------
     sides, blocks : (ndim,) int64
-        Cells of a block along each axis, and blocks.
+        The number of cells of a block, and the number of blocks, along each axis.
+    along : int
+        The axis along which the cells of a piece come in lines, in order.
     work : list of (int, tuple of int)
-        The step, and the row of blocks on each of the first axes, in the order of the file.
+        The pieces in the order of the file: the step, and the row of blocks on each of the first axes.
     """
 
     def __init__(self, table: CertifiedTable) -> None:
-        """Cut the cells into blocks, and these into pieces of work of at most `CELLS_AT_ONCE` cells."""
+        """Cut the cells of a table into blocks, and these into pieces of about `CELLS_AT_ONCE` cells at most."""
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
@@ -247,14 +273,20 @@ class InLines:
         self.work = [(step, at) for step in starts for at in np.ndindex(*self.blocks[:alone].tolist())]
 
     def cells(self, at: Sequence[int]) -> FloatArray:
-        """The cells (M, ndim) of a piece, in lines along an axis; past the end of an axis its last cell again."""
+        """The cells (M, ndim) of the piece with rows of blocks `at`, in lines along the axis `along`.
+
+        A block that reaches past the end of an axis has the last cell there again.
+        """
         begins = np.array([*at, *[0] * (len(self.sides) - len(at))]) * self.sides
         ends = np.where(np.arange(len(self.sides)) < len(at), begins + self.sides, self.blocks * self.sides)
         every = np.stack(np.meshgrid(*map(np.arange, begins, ends), indexing="ij", copy=False), axis=-1)
         return np.minimum(np.moveaxis(every, self.along, -2).reshape(-1, len(self.sides)), self.counts - 1)
 
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
-        """The numbers (M,) of the cells of a piece, as `cells` orders them, put in order by block: (B, cells)."""
+        """The numbers (M,) of the words of a piece's cells, in the order of `cells`, put in order by block.
+
+        Returns (B, cells of a block). at : the rows of blocks of the piece.
+        """
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
         shape.append(shape.pop(self.along))
@@ -265,13 +297,17 @@ class InLines:
 
 
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
-    """The bytes of `sdhj_table.bin`, with these fields, rule and braking input; words are made in threads."""
+    """The bytes of `sdhj_table.bin` with the given fields; its words are made in threads, pieces of cells at a time.
+
+    rule : which proved input is preferred (`Rule`). brake : the index of the input to apply where nothing is proved.
+        progress : as for `sdhj.solve`. ValueError above 4 GB.
+    """
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
-        """The words, as the file has them, of the cells of one piece of work (step, row of blocks)."""
+        """The words, as bytes of the file, of the cells of one piece of `InLines.work`."""
         step, at = one
-        return records(table, pieces.cells(at), step, fields, rule)
+        return words_in_file(table, pieces.cells(at), step, fields, rule)
 
     with (
         tqdm(total=len(pieces.work), desc="words", disable=hidden(progress)) as bar,
@@ -290,16 +326,17 @@ def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake
 
 
 def _bytes_for(count: int) -> int:
-    """The fewest bytes that hold any number below `count`, at least 1."""
+    """The fewest bytes, at least 1, in which every whole number from 0 to count - 1 can be written."""
     return max(1, -(-(count - 1).bit_length() // 8))
 
 
 def file_of(
     table: CertifiedTable, packer: Packer, fields: Sequence[str], rule: Rule, brake: int, sides: FloatArray
 ) -> bytes:
-    """The bytes of a file of the words and blocks that `packer` has numbered: head, digest and parts.
+    """The bytes of `sdhj_table.bin`: the head with its digest, and the parts that the module docstring names.
 
-    sides (ndim,) : cells of a block along each axis. ValueError above 4 GB.
+    packer : has added all words and packed all blocks. sides (ndim,) : cells of a block along each axis. rule, brake :
+        as for `packed_table`. ValueError above 4 GB.
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
@@ -347,11 +384,12 @@ def file_of(
 
 
 def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
-    """What cells lead to: (steps, masks, images), with a mask and an image for each axis of the grid.
+    """The images of cells for a controller that remembers: (steps, masks, images), the last two for each axis.
 
-    steps : for how many steps it differs. A mask has a bit for each axis that the image along this axis depends on. An
-    image is (steps, L, places, 2) int16: the first and the last cell, less the cell's own number; a place stands for
-    the cells that are alike on these axes.
+    steps : for how many steps images are stored; 1 where the dynamics do not depend on time.
+    masks : for each axis a whole number with a bit for each axis on which images along it depend.
+    images : for each axis (steps, L, places, 2) int16, the first and the last cell of the image along it, less the
+        cell's own index. A place stands for all cells that have the same indices on the axes of the mask.
     """
     problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
@@ -372,11 +410,12 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
 
 
 def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int) -> FloatArray:
-    """Random states, in 65535ths of a range of each axis, and 16-bit checksums of what Python says of them.
+    """Random states with checksums of Python's answers about them, for `sdhj_selftest`: (TESTS, ndim + 1) uint16.
 
-    (TESTS, ndim + 1) uint16.
-
-    The i-th is asked about at step i % (N + 1); some are past the ends of the grid.
+    A state is written in 65535ths of a range of each axis that is a little longer than the axis, so some states are off
+    the grid; the last entry is the lower half of a CRC-32 of what `python_answers` says. State i is asked about at step
+    i % (N + 1), or 0 where nothing depends on time, and with the filter's wanted input i % L. The states are drawn with
+    a fixed seed.
     """
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
@@ -399,9 +438,10 @@ def python_answers(
     rule: Rule,
     brake: int,
 ) -> list[bytes]:
-    """What Python answers for states (M, ndim) at a step, as M strings of bytes: those that `sdhj_selftest` sums up.
+    """Python's answers for states (M, ndim) at a step: M strings of bytes, of which `sdhj_selftest` makes checksums.
 
     wanted (M,) : the inputs that the filter is asked about.
+    fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
     """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
@@ -440,7 +480,11 @@ def python_answers(
 
 
 def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
-    """Where states (M, ndim) are, as the status of `sdhj_locate`: (M,) int, 0 on the grid, else of `STATUS`."""
+    """Where states (M, ndim) are, as the status of `sdhj_locate`: (M,) int.
+
+    0 on the grid, else `OFF_GRID` or `PAST_SAFE_END` of `STATUS`; past an end that is not safe is off the grid,
+    whatever the other axes say.
+    """
     cells, grid = table.cells, table.grid
     offset = np.where(cells.periodic, 0.0, states - cells.lower)
     begin, end = cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
@@ -457,12 +501,15 @@ def location_status(table: CertifiedTable, states: FloatArray) -> FloatArray:
 
 
 def c_comment(text: str) -> str:
-    """A text as a comment of C can hold it: everything that is no plain ASCII, or might end it, becomes "_"."""
+    """The text with "_" for every character that is not printable ASCII, or might end or upset a comment of C."""
     return "".join(one if one.isascii() and one.isprintable() and one not in '*/\\"?' else "_" for one in text)
 
 
 def header_of(table: CertifiedTable, data: bytes, fields: Sequence[str], rule: str, brake: int) -> str:
-    """The text of `sdhj_robot.h`, which states the robot of a table and its file, whose bytes are `data`."""
+    """The text of `sdhj_robot.h`: the constants of the robot and of its file `data`, the bytes of `sdhj_table.bin`.
+
+    fields, rule, brake : what the file answers, the name of the rule, and the braking input's index.
+    """
     problem, grid, inputs = table.problem, table.grid, table.problem.inputs
     name, *axes = map(c_comment, (problem.name, *grid.names))
     digest = [f"0x{byte:02x}" for byte in data[128:160]]
@@ -548,28 +595,29 @@ QUESTIONS = ("steps_to_go", "select", "fallback", "filter", "filter_command", "s
 
 
 class Exported:
-    """An exported table: its methods compile `sdhj.h` once and ask it, of states (M, ndim) at a step.
+    """An exported table, whose methods ask the C of `sdhj.h` about states (M, ndim) at a step.
 
-    Each returns the status of every state, (M,) int, 0 where the answer counts (`sdhj.h` has the others), and the
-    answers: (M,) int of `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`, (M, L) bool of
-    `safe_inputs` and `clear_inputs`. OSError where there is no C compiler.
+    The header is compiled at the first question and then kept. A method for each of `QUESTIONS` returns the status of
+    every state, (M,) int, 0 where the answer counts (`sdhj.h` has the others), and the answers: (M,) int of
+    `steps_to_go`, `select`, `fallback`, `filter` and `filter_command`, (M, L) bool of `safe_inputs` and `clear_inputs`.
+    OSError where there is no C compiler.
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
-        """The files in a folder, which have been exported from a table; compiled when first asked."""
+        """Read the file in a folder to which a table has been exported; the C is compiled at the first question."""
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
     @property
     def nbytes(self) -> int:
-        """Bytes of `sdhj_table.bin`."""
+        """The bytes of `sdhj_table.bin`."""
         return len(self.data)
 
     def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:
-        """Status (M,) and answers of the C to one of `QUESTIONS`, of states (M, ndim) at a step: see the class.
+        """The status (M,) and the answers of the C to one of `QUESTIONS`, for states (M, ndim) at a step.
 
-        wanted : (M,) indices of inputs for "filter", (M, m) for "filter_command". ValueError for another shape of
-        states, OSError without a compiler.
+        wanted : for "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m);
+            else None. ValueError for another name or shape of states, OSError without a C compiler.
         """
         given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
         inputs, count = self.table.problem.inputs, len(given)
@@ -591,26 +639,29 @@ class Exported:
         return status, value.astype(np.int64)
 
     def __getattr__(self, name: str) -> Any:
-        """One of `QUESTIONS` as a function (states, step, wanted), which calls `ask`; AttributeError for others."""
+        """One of `QUESTIONS` as a function (states, step=0, wanted=None) that calls `ask`; else AttributeError."""
         if name not in QUESTIONS:
             raise AttributeError(name)
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
 
     def loop(self, count: int) -> "Loop":
-        """The control loops of `count` robots, of a table for a controller that remembers; ValueError of another."""
+        """The control loops of `count` robots; ValueError unless the table is for a controller that remembers."""
         if not self.table.problem.sensing.remembers:
             raise ValueError("only tables solved with Sensing(..., memory=True) have a loop; ask select and filter")
         return Loop(self, count)
 
     def selftest(self) -> int:
-        """Of how many of the `TESTS` states that the file keeps the C says something else than Python; 0 is right."""
+        """For how many of the `TESTS` states in the file the C answers otherwise than Python did; 0 if all is right."""
         library, opened = self._opened
         library.x_selftest.restype = ctypes.c_uint32
         return int(library.x_selftest(opened))
 
     @cached_property
     def _opened(self) -> tuple[Any, Any]:
-        """The compiled reader and the opened table; OSError without a compiler, ValueError if the reader refuses it."""
+        """The loaded library and the opened table, made once, at first use.
+
+        OSError without a C compiler or where it fails, ValueError if the reader refuses the file.
+        """
         compiler = os.environ.get("CC") or next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
         if compiler is None:
             raise OSError("no C compiler was found; install gcc or clang, or name one in the environment variable CC")
@@ -632,18 +683,19 @@ class Exported:
 
 
 class Loop:
-    """The control loops of M robots in C, each of which remembers (`sdhj_step`); made by `Exported.loop`."""
+    """The control loops of M robots in C, each with a memory of its own (`sdhj_step`); made by `Exported.loop`."""
 
     def __init__(self, exported: Exported, count: int) -> None:
-        """Begin the loops of `count` robots, which know nothing yet; OSError without a C compiler."""
+        """Begin the loops of `count` robots with empty memories; OSError without a C compiler."""
         self.exported, self.count = exported, count
         self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
 
     def step(self, measurements: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, ...]:
-        """Answer measurements (M, ndim), by `sdhj_step_filter` where inputs (M,) are wanted.
+        """Answer the measurements (M, ndim) of all robots at a step, and carry their memories on.
 
-        Returns status, inputs, points (M, ndim) that are carried on, and whether an assumption broke: each (M, ...).
-        ValueError for another shape of measurements.
+        By `sdhj_step` or, where the indices of inputs (M,) are `wanted`, by `sdhj_step_filter`. Returns the status
+        (M,), the inputs (M,), the points (M, ndim) that are carried on, and whether a measurement broke what the memory
+        had promised, (M,) bool. ValueError for another shape of measurements.
         """
         given = np.ascontiguousarray(measurements, np.float64)
         if given.shape != (self.count, self.exported.table.grid.ndim):

@@ -57,12 +57,18 @@ def lattice_of(
     most: int = BOXES_OF_A_SET,
     centres: bool = False,
 ) -> Boxes:
-    """A lattice of boxes, and prefix sums of which of them may meet an unsafe set in each of some `times`, s to s.
+    """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
-    steps : for how many steps there will be such a lattice, which share memory. sway (ndim,) : what most tubes stick
-    out of their cells to both sides; boxes are wider by it where it is less than a box more, and a tube is then looked
-    up without it. most : about how many boxes there are at most, at all times together. centres : count those of which
-    the centre may be in the set, which proves nothing
+    A box is a cell, or an equal part of one, and there is one array of sums for each interval of time; where there are
+    several, one more for all of them together, the last.
+
+    axes : the cells of all axes.
+    times : (from, to), s: the intervals of time, in each of which the set is bounded.
+    steps : for how many steps there will be such a lattice; they share memory, so boxes are the coarser.
+    sway (ndim,) : how far most tubes stick out of their cells to both sides. Along an axis where that is less than a
+        box, boxes are wider by it when the set is bounded, and tubes are looked up without it.
+    most : about how many boxes there are at most, at all times and for all steps together.
+    centres : count the boxes whose centre may be in the set, instead of those that may meet it; that proves nothing.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
     boxes = most / (len(times) * steps * math.prod(own.counts.tolist()))
@@ -107,9 +113,10 @@ EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces b
 def shapes(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """Strides (ndim,), and the shapes of moves, (starts, L, places, ndim), and of `clear`, (starts, cells, bytes).
+    """The strides of places, (ndim,), and the shapes of two arrays of a proof, its moves and `clear`.
 
-    depends : (ndim,) bool, the axes of a place
+    (starts, L, places, ndim) and (starts, cells, bytes). The number of starts is 1, or N where the dynamics, or for
+    `clear` an unsafe set, depend on time. depends : (ndim,) bool, the axes of a place (`place_axes`).
     """
     strides, moves = moves_of(problem, axes, depends)
     times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
@@ -126,9 +133,9 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
-    """Bytes that preparing a general proof takes at most.
+    """The bytes that preparing a general proof takes at most.
 
-    parts : of an interval. moves, clear : the shapes that `shapes` returns.
+    parts : into which an interval is cut. moves, clear : the shapes of these arrays, as `shapes` returns them.
     """
     own = place_axes(problem, axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
@@ -148,16 +155,19 @@ def peak(
 
 @dataclass(frozen=True)
 class GeneralProof(Images):
-    """The images of a robot's cells over one interval, for the recursion and for questions about states.
+    """The images and tubes of a robot's cells over one interval, for the recursion and for questions about states.
+
+    Made by `of` and filled by `prepare`, or read by `load`.
 
     Attributes
     ----------
     clear : (starts, cells, bytes) uint8
-        Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell; starts is 1 where nothing depends on time.
+        Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell. starts is 1 where nothing depends on time.
     sites : (ndim,) int64
         A cell is at the site sum(cell * sites).
     arrives : (starts, sites, bytes) uint8
-        Likewise: u_j leads all of a cell there into the target itself (`sdhj.certified.arrivals`).
+        Bit j % 8 of byte j // 8: u_j leads all of a cell at the site into the target itself
+        (`sdhj.certified.arrivals`).
     """
 
     clear: FloatArray
@@ -170,14 +180,14 @@ class GeneralProof(Images):
 
     @property
     def lines(self) -> Lines:
-        """The lines of its images."""
+        """The lines of oblique images; none before `prepare` has drawn them or `load` has read them."""
         return self._drawn[0] if self._drawn else super().lines
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
-        """A proof with room for its arrays, which `prepare` fills; MemoryError where that is too much.
+        """A proof with arrays of the right size, which `prepare` fills; MemoryError where a solve would take too much.
 
-        parts : of an interval.
+        parts : into which an interval is cut.
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
@@ -188,13 +198,13 @@ class GeneralProof(Images):
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the arrays take in memory."""
+        """The bytes that the proof's arrays take in memory, lines included."""
         arrays = [*vars(self).values(), *self.layout, *self.lines]
         return sum(part.nbytes for part in arrays if isinstance(part, np.ndarray))
 
     @property
     def peak(self) -> int:
-        """Bytes that a solve takes at most, the sets that it finds apart."""
+        """The bytes that a solve takes at most, without the sets that it finds."""
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
@@ -207,13 +217,16 @@ class GeneralProof(Images):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of some inputs are certified for cells `some` (M, ndim) at a step: bool (M, L).
+        """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: bool (M, L).
 
-        Those that stay clear and lead all of the cell into the set with ahead - 1 steps to go, or into the target
-        itself.
-        ahead (M,) : steps to go; no input for 0. sets (n, R) : S_{k+1}^0, S_{k+1}^1, ... as blocks of `pool`, or none:
-        then staying clear is enough. among (M, L) bool : the inputs that are asked about. lines : whether the cells
-        come in lines along the axis `along`, which takes least time.
+        An input is certified if it stays clear and leads all of the cell into the set with ahead[m] - 1 steps to go, or
+        into the target itself.
+
+        ahead (M,) : the steps to go; 0: no input is certified.
+        sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
+            staying clear is enough.
+        among : (M, L) bool, the inputs that are asked about; False for all others.
+        lines : whether the cells come in lines along the axis `along`, which takes less time.
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
         if len(sets) and lines and self.along >= 0:
@@ -232,14 +245,14 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file: parts of an interval, axes of a place, E, and of lines normals and halo."""
+        """The proof's part of a file's head: parts, axes of a place, E, and normals and halo of lines."""
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told |= {"arrives": True} if len(self.arrives) else {}
         lines = self.lines
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
-        """Write the moves, the lines, and which inputs are clear or arrive, to an open file."""
+        """Write the proof's arrays to an open file: moves, clear inputs, and lines and arrivals where there are any."""
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
         arrays = {name: getattr(self, name) for name in names}
         for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
@@ -249,7 +262,10 @@ class GeneralProof(Images):
     def load(
         cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
-        """Read what `save` and `stated` wrote; ValueError where it does not fit the problem."""
+        """The proof that `save` wrote to a file, with what `stated` said in the head; its arrays are read-only.
+
+        ValueError where it does not fit the problem and its cells.
+        """
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
         own = np.array(stated["own"], np.bool_)
@@ -268,7 +284,10 @@ class GeneralProof(Images):
 
     @kept
     def layout(self) -> Placed:
-        """How cells lie in memory, by place and then by the axes that no place depends on, for compiled code."""
+        """How cells lie in memory, by place and then by the axes that no place depends on; made once, at first use.
+
+        Every line has one cell; `_once` replaces the lines.
+        """
         counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
         for axis, cells in enumerate(self.axes):
@@ -285,7 +304,7 @@ class GeneralProof(Images):
         )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
-        """The flat numbers (n,) of the cells that are the first on all axes but `which` (ndim,) bool."""
+        """The flat numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool."""
         counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
@@ -301,7 +320,7 @@ class GeneralProof(Images):
         kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Keep what the recursion asks for of places `some`, their tubes and their images (`Images.fill`)."""
+            """Keep what the recursion needs of places `some` (M,) under u_j; arguments as of `Images.fill`."""
             mark(start, j, some, tubes)
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
@@ -380,11 +399,15 @@ class GeneralProof(Images):
         tubes: FloatArray,
         at_ends: FloatArray | None = None,
     ) -> None:
-        """Take the bit of u_j out of `clear` for cells whose tube may meet an unsafe set or leave by an unsafe end.
+        """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        lattices : of each unsafe set, for each step or one for all. start : of the moves. some (M,) : places, one after
-        the other, and tubes (M, parts, ndim, 2) theirs; at_ends : likewise, of which ends are asked, if others. In all
-        steps that the moves are for; what stands still is met in all of them alike.
+        It does so for all steps that have these moves; sets that stand still are tested once for all of them.
+
+        lattices : for each unsafe set one lattice for each step, or a single one if the set stands still (`_lattices`).
+        start : the index of the interval in `low` and `high`.
+        some (M,) : places, consecutive numbers.
+        tubes (M, parts, ndim, 2) : their tubes, as `swept` returns them.
+        at_ends : the tubes that must not leave by an unsafe end, if they are others than `tubes`.
         """
         leaving = tubes if at_ends is None else at_ends
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
@@ -406,14 +429,20 @@ class GeneralProof(Images):
             self.clear[step, :, j // 8] = clear
 
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
-        """Take `bit` out of `clear` (cells,) uint8 where tubes of places may meet the set of a lattice, in place."""
+        """Clear `bit`, a mask, in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice.
+
+        tubes : of the places with numbers places[0] to places[1] - 1.
+        """
         self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
     def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Let `mark(bits, layout)` take bits out of `clear` (cells,) uint8, once for all cells that are alike to it.
+        """Let `mark(bits, layout)` clear bits of `clear`, in place, looking at one cell of those that are alike.
 
-        These differ only on axes that neither `axes`, those of a set, nor an image depends on. The others come in lines
-        along the last of `axes` on which cells at a place differ.
+        clear : (cells,) uint8.
+
+        Cells are alike if they differ only on axes that neither `axes`, those of an unsafe set, nor an image depends
+        on, and no end is safe: what is cleared for one is cleared for all. The cells that are looked at come in lines
+        along the last of `axes` on which cells at one place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
@@ -452,8 +481,9 @@ class GeneralProof(Images):
         return out
 
     def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
-        """For each unsafe set that is met cell by cell its lattices (`lattice_of`), one for each step, or one for all
-        where it stands still.
+        """For each unsafe set that is met cell by cell its lattices (`lattice_of`): one for each step, or a single one.
+
+        A single one for a set that stands still. progress : as for `prepare`. centres : as for `lattice_of`.
         """
         made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         return [
@@ -463,11 +493,10 @@ class GeneralProof(Images):
         ]
 
     def goal(self, step: int) -> FloatArray:
-        """S_k^0, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
+        """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
 
-        At all times, where nothing depends on time.
-
-        With all that a prediction in the cell may stand for, at all times that t_k may be.
+        Each cell is widened by the shell and by E, all that a prediction in it may stand for, and counts at all times
+        that t_k may be. If nothing depends on time, at all times.
         """
         problem, t = self.problem, self.problem.time(step)  # obligation 9.5
         # obligation 9.6
@@ -483,13 +512,14 @@ class GeneralProof(Images):
 
     @kept
     def _clear_of_still(self) -> FloatArray:
-        """Cells outside the unsafe sets that stand still."""
+        """Which cells are outside the unsafe sets that stand still: bool (*counts); computed once, at first use."""
         return self.clear_of(False, self._always, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Which cells are outside the unsafe sets that move, or that stand still, during `times`: bool (*counts).
+        """Which cells are outside the unsafe sets that move, or that stand still, at all `times`, s: bool (*counts).
 
-        asked (*counts) bool : cells that are looked at; others are False. Sets unsafe under some inputs do not count.
+        moving : which of these sets. asked (*counts) bool : the cells that are asked about; False for all others. Sets
+            that are unsafe under some inputs only do not count.
         """
         out = asked.copy()
         for part in self.problem.unsafe:
@@ -500,15 +530,22 @@ class GeneralProof(Images):
         return out
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n, in place; both and `following` are packed, (rows, W) uint64.
+        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        following : S_{k+1}^{n-1}. changed : by which rows and bits it differs from S_{k+1}^{n-2}; None: all may.
-        Without a target S_k^n is what of S_k^{n-1} an input takes into `following`. prepared : what `prepare` returned.
+        Adds the cells that a clear input takes into `following`; without a target, keeps only those that one does.
+
+        prepared : what `prepare` returned.
+        following : S_{k+1}^{n-1}.
+        changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
+            may be there are asked about. None: all are.
         """
         prepared.add(cells, following, step, changed, self.clear, 1)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to S_k^1, `cells` (rows, W) uint64, the cells that a clear input leads into the target itself."""
+        """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.
+
+        cells : (rows, W) uint64.
+        """
         if len(self.arrives):
             arrives, clear = (marks[min(step, len(marks) - 1)] for marks in (self.arrives, self.clear))
             add_marked(cells, clear, arrives, self.sites, self.cells.counts)

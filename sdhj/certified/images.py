@@ -53,10 +53,11 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 
 
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
-    """E (ndim,), by how much a prediction may be off on each axis; 0 without sensing.
+    """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    It is a box with error + delay * D(E) <= E, D as of `_spread`; of constant dynamics as `unknown` says. ValueError
-    where no such box is found within the grid.
+    Without a delay it is the error of a measurement. With one, of constant dynamics, it is what `unknown` returns;
+    otherwise a box with error + delay * D(E) <= E, for D as of `_spread`, that is found by trying ever larger ones.
+    ValueError where none is found within the grid.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim
     if not sensing:
@@ -78,10 +79,10 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
-    """The function D of half-widths (ndim,) of a box around a prediction: how far velocities in it may be off, (ndim,).
+    """The function D(half-widths (ndim,) of a box around a prediction): the largest error of the velocity, (ndim,).
 
-    It bounds |f(q, u, v) - f(p, u, 0)| for all predictions p, states q in the box around p, inputs u and disturbances
-    v.
+    D bounds |f(q, u, v) - f(p, u, 0)| along each axis for all predictions p, states q in the box around p, inputs u,
+    disturbances v and times of a delay.
     """
     calm = replace(problem, dynamics=problem.dynamics.undisturbed(), sensing=Sensing())
     grid, timed, delay, disturbed = problem.grid, problem.dynamics.timed, problem.sensing.delay, Bounds(problem)
@@ -99,7 +100,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
-        """Least and greatest velocity in each box, widened by its travel and `more`: (2, tasks, boxes, ndim)."""
+        """The least and the greatest velocity in boxes widened by their travel and `more`: (2, tasks, boxes, ndim)."""
         each = zip(tasks, travel, strict=True)
         found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
@@ -107,7 +108,7 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     slow, fast = near(Bounds(calm), 0.0)
 
     def spread(box: FloatArray) -> FloatArray:
-        """The largest distance of a disturbed from an undisturbed velocity within a box, (ndim,)."""
+        """D(box): by how much a disturbed and an undisturbed velocity within `box` (ndim,) may differ, (ndim,)."""
         least, most = near(disturbed, box)  # obligation 10.3
         return np.maximum(most - slow, fast - least).max(axis=(0, 1))  # obligation 10.5
 
@@ -116,9 +117,10 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 
 @dataclass(frozen=True)
 class Proof:
-    """The fields of every proof: the problem, its cells, and how many parts an interval is cut into.
+    """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
-    The recursion and the table ask a proof for `prepare`, `goal`, `add`, `image`, `places` and `inputs`.
+    The protocol. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`; a table
+    asks `image`, `in_image`, `places` and `inputs` about its cells. Subclasses have those that are not here.
     """
 
     problem: ReachAvoidProblem
@@ -128,76 +130,84 @@ class Proof:
 
     @cached_property
     def along(self) -> int:
-        """An axis in lines along which inputs of cells may be asked for in less time; -1 if there is none."""
+        """The axis along which `inputs` takes less time for cells that come in lines; -1 if there is none, as here."""
         return -1
 
     def places(self, some: FloatArray) -> FloatArray:
-        """The number of the place of each cell (M, ndim), (M,): cells at one place move alike."""
+        """The numbers of the places of cells `some` (M, ndim): (M,) int64; cells at a place move alike. Here all 0."""
         return np.zeros(len(some), np.int64)
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which cells (M, ndim) of the box `image` are in the image of a cell (ndim,) under u_j: all, (M,) bool."""
+        """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
+
+        Here all of them. step : when the interval begins.
+        """
         return np.ones(len(cells), np.bool_)
 
     def add_arriving(self, cells: FloatArray, step: int) -> None:
-        """Add to S_k^1, `cells` (rows, W) uint64, the cells that an input leads into the target itself, in place.
+        """Add to `cells`, S_k^1 for k = step, in place, those that an input leads into the target itself.
 
-        Here nothing: a proof that knows of such cells does it.
+        cells : (rows, W) uint64. Here it does nothing; a proof that knows of such cells overrides it.
         """
 
     @property
     def rows(self) -> int:
-        """Leading axes that number the blocks of the packed sets: all but the last."""
+        """How many leading axes number the blocks of packed sets: here all but the last."""
         return len(self.axes) - 1
 
     @property
     def time_invariant(self) -> bool:
-        """Whether one set stands for all starts, because nothing depends on time."""
+        """Whether one set serves all starts, because nothing in the problem depends on time."""
         return self.problem.time_invariant
 
     @property
     def shrinks(self) -> bool:
-        """Whether sets lose cells with every step to go, and do not gain them: without a target."""
+        """Whether sets lose cells, rather than gain them, with every step to go: without a target."""
         return self.problem.has_no_target
 
     @property
     def phases(self) -> int:
-        """After how many steps without a change sets are what they are after any more."""
+        """After how many steps in a row without a change sets will not change any more; here 1.
+
+        All steps have the same images here; a proof whose images go through several phases needs as many.
+        """
         return 1
 
     @kept
     def cells(self) -> Cells:
-        """The cells as arrays for compiled code."""
+        """The cells as arrays for compiled code (`Cells`), made once, at first use."""
         return cells_of(self.axes, self.rows, not sees_walls(self.problem))
 
     @kept
     def shell(self) -> FloatArray:
-        """How far off a cell a state counts as in it while a run lasts, (ndim,): `STATE_SLACK` of the axes' scales.
+        """How far off a cell a state counts as in it while a run lasts, (ndim,): `STATE_SLACK` times each axis's scale.
 
-        Coordinates are off by some units in the last place, 2^-53 of the scale each; the shell is 10^6 times as much.
+        Coordinates are off by some units in the last place, 2^-53 of the scale each; the shell is about 10^6 times as
+        much.
         """
         return STATE_SLACK * np.array([axis.scale for axis in self.axes])
 
     @kept
     def rounding(self) -> FloatArray:
-        """How far off a cell a state may seem to be that is on its border, (ndim,).
+        """How far off its cell rounding may make a state seem that lies on the cell's border, (ndim,).
 
-        Looking a state up takes a difference and a quotient, of numbers that are rounded: the lower end and the width,
-        which counts as often as there are cells. All that is off by 8 times 2^-53 of the scale at most.
+        To find a state's cell takes a difference and a quotient of rounded numbers, the lower end and the width, which
+        counts as often as there are cells. That is off by 8 times 2^-53 of the scale at most.
         """
         return ROUNDED_OFF * np.array([axis.scale for axis in self.axes])
 
     @kept
     def prediction_error(self) -> FloatArray:
-        """E, by how much a prediction may be off, (ndim,); ValueError where no bound is found."""
+        """E (ndim,), how far a prediction may be off along each axis; computed once; ValueError without a bound."""
         return prediction_error(self.problem)
 
 
 def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatArray:
-    """Which axes an image depends on, (ndim,) bool.
+    """The axes of a place, (ndim,) bool: those on which a cell's index decides how far its image lies off.
 
-    Those that a velocity reads, those on which cells are not alike, and those with a wall, but where the velocity is
-    always in one range: whoever such a wall holds back is where it could be without the wall, clipped.
+    They are the axes that a velocity depends on, those whose cells are not all of one width, and those with a wall; but
+    not an axis with a wall along which the velocity is always in one range: there the image is what it would be without
+    the wall, clipped.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for i, axis in enumerate(axes):
@@ -211,9 +221,10 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
 def moves_of(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Strides (ndim,), a cell being at the place sum(cell * strides); the shape (starts, L, places, ndim) of moves.
+    """The strides of places, (ndim,), and the shape (starts, L, places, ndim) of moves.
 
-    depends : (ndim,) bool, the axes of a place
+    A cell is at the place sum(cell * strides); a stride is 0 on an axis that is no place's. starts is N where the
+    dynamics depend on time, else 1. depends : (ndim,) bool, the axes of a place (`place_axes`).
     """
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
@@ -231,14 +242,15 @@ TRIES = 12  # to find a box that the state stays in
 
 @dataclass(frozen=True)
 class Images(Proof):
-    """The cells that everything a cell can lead to lies in.
+    """Where each input leads the cells at each place in one interval: boxes of cells, as offsets in cells.
 
     Attributes
     ----------
     strides : (ndim,) int64
         A cell is at the place sum(cell * strides).
     low, high : (starts, L, places, ndim) int16
-        The cells that hold the image of a cell, from its own on; starts is 1 where the dynamics do not depend on time.
+        The first and the last cell of the image along each axis, less the cell's own index; filled by `fill`. starts is
+        1 where the dynamics do not depend on time.
     """
 
     strides: FloatArray
@@ -251,7 +263,7 @@ class Images(Proof):
 
     @cached_property
     def bounds(self) -> Bounds:
-        """Bounds on the velocity and the level sets of the problem."""
+        """The `Bounds` of the problem on its velocity and its level-set functions; made once, at first use."""
         return Bounds(self.problem)
 
     @cached_property
@@ -261,27 +273,27 @@ class Images(Proof):
 
     @kept
     def layers(self) -> FloatArray:
-        """Where layers are, (2, ndim); infinite where there are none."""
+        """The coordinates of the layers at lower and upper ends, (2, ndim); -inf and +inf where there are none."""
         edges = np.array([axis.edges()[[0, -1]] for axis in self.axes]).T
         return np.where(self.cells.layers == 1, edges, [[-np.inf], [np.inf]])
 
     @property
     def _always(self) -> tuple[float, float]:
-        """From the first to the last time, s."""
+        """The first and the last time of the problem, s: 0 and N delta, or infinity without a number of steps."""
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept
     def past(self) -> FloatArray:
-        """Ends of axes, (2, ndim), past which nothing is asked of an image; infinite where there are none."""
+        """The safe ends of axes, (2, ndim), past which nothing is asked of an image; infinite for all other ends."""
         return np.stack(self.problem.grid.faces("frees"))
 
     @property
     def lines(self) -> Lines:
-        """The lines of oblique images; there are none where no proof draws them."""
+        """The lines of oblique images (`sdhj.certified.oblique`); here there are none."""
         return no_lines(len(self.axes))
 
     def moves(self, step: int) -> Moves:
-        """The images of the interval from a step, as arrays for compiled code."""
+        """The images of the interval from a step as arrays for compiled code, `Moves`."""
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
         oblique: Any = read_only(lines.normals.any(axis=0))
@@ -289,9 +301,9 @@ class Images(Proof):
 
     @cached_property
     def along(self) -> int:
-        """The last axis before the packed one that images do not depend on, without safe ends; -1 if there is none.
+        """The last axis before the packed one that is no place's and has no safe end; -1 if there is none.
 
-        Nor is there one where images are lines.
+        -1 as well where images are lines.
         """
         shift_invariant = np.flatnonzero((self.strides[:-1] == 0) & ~np.isfinite(self.past[:, :-1]).any(axis=0))
         if len(self.lines.normals):  # an image is no product of what it is along the axes
@@ -299,11 +311,15 @@ class Images(Proof):
         return int(shift_invariant[-1]) if shift_invariant.size else -1
 
     def places(self, some: FloatArray) -> FloatArray:
-        """The numbers sum(cell * strides) of cells (M, ndim): (M,)."""
+        """The numbers of the places of cells `some` (M, ndim), sum(cell * strides): (M,)."""
         return np.asarray(some @ self.strides)
 
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
-        """Which of the cells (M, ndim) of the box `image` are in the image: (M,) bool."""
+        """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
+
+        step : when the interval begins. All cells are, unless the image is lines. The cells' indices are not yet taken
+            around periodic axes.
+        """
         moves, place = self.moves(step), int(cell @ self.strides)
         if not has_lines(cell, moves, self.cells, len(cell)):
             return super().in_image(cells, cell, j, step)
@@ -315,9 +331,9 @@ class Images(Proof):
 
     @kept
     def depends(self) -> FloatArray:
-        """depends[i, k], bool (ndim, ndim): whether how far images lie along axis i depends on the cell along axis k.
+        """depends[i, k], bool: whether the offset of images along axis i varies with the cell's index along axis k.
 
-        By the moves of all inputs and steps; False for axes that are no place's.
+        Over all inputs and steps; False for every axis k that is no place's. Computed once, at first use.
         """
         ndim, own = len(self.axes), self.strides > 0
         moves = np.stack([self.low, self.high], axis=-1).reshape(
@@ -329,15 +345,20 @@ class Images(Proof):
         return out
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
-        """The first and the last cell, each (M, ndim), of what cells (M, ndim) can lead to under inputs (M,) or one."""
+        """The first and the last cell, each (M, ndim), of the boxes that cells `some` (M, ndim) are led into by inputs.
+
+        Indices may lie beyond the ends of axes: they are neither clipped nor taken around. inputs : (M,) indices, or
+        one for all. step : when the interval begins.
+        """
         moves, places = self.moves(step), self.places(some)
         return some + moves.low[inputs, places], some + moves.high[inputs, places]
 
     @kept
     def farthest_moves(self) -> FloatArray:
-        """The box, in cells, that each input leads to from any place: (starts, L, 2, ndim) int64, lower and upper end.
+        """The boxes of offsets, in cells, that hold the images from all places: (starts, L, 2, ndim) int64.
 
-        One for all inputs, (starts, 1, 2, ndim), if that has fewer words than they have together.
+        The lower end, then the upper. One box for all inputs, (starts, 1, 2, ndim), if that has fewer words of cells
+        than the inputs' boxes have together. Computed once, at first use.
         """
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
         whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
@@ -348,17 +369,19 @@ class Images(Proof):
     def fill(
         self, pieces: int, progress: bool | None, use: Callable[[int, int, FloatArray, FloatArray, FloatArray], None]
     ) -> None:
-        """Compute the moves of all inputs, places and starts, in threads, and write them into `low` and `high`.
+        """Write the images of all places under all inputs from all starts into `low` and `high`, in threads.
 
-        pieces : of each part of an interval. use(start, j, places (M,), tubes (M, parts, ndim, 2), last (M, ndim, 2))
-        is called with each that is done, tubes and last being what `swept` returns. ValueError of `swept` and
-        `in_cells`.
+        After each slab of places `use(start, j, places (M,), tubes (M, parts, ndim, 2), last (M, ndim, 2))` is called
+        in this thread, tubes and last being what `swept` returns.
+
+        pieces : into which each part of the interval is cut. progress : whether to show a bar, as for `sdhj.solve`.
+            ValueError as of `swept` and `in_cells`.
         """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
 
         def moved(start: int, j: int, slab: int) -> tuple[FloatArray, Ends]:
-            """The places (M,) of a slab, and what `swept` returns for them under u_j."""
+            """The numbers (M,) of the places of a slab, and what `swept` returns for them under u_j."""
             places = np.arange(slab * PLACES, min((slab + 1) * PLACES, size))
             return places, self.reached(places, j, self.problem.time(start), pieces)  # obligation 2.13
 
@@ -374,21 +397,21 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """The cell (M, ndim) at each place (M,), the first one on the axes that no place depends on."""
+        """A cell (M, ndim) at each place (M,): the one with index 0 on the axes that are no place's."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """How far the ends of the cells at places (M,) move under u_j in the interval from `time`, s, on: as `swept`.
+        """`swept` of the cells at places (M,) under u_j in the interval that begins at `time`, s: (tubes, last).
 
-        On the axes that no place depends on cells may be anywhere. pieces : of each part of the interval.
+        On the axes that no place depends on the answer holds for cells anywhere. pieces : into which each part is cut.
         """
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
-        """Lower and upper ends of the cells at places (M,), with the shell around them: (2, M, ndim).
+        """The lower and the upper corners of the cells at places (M,), widened by the shell: (2, M, ndim).
 
-        On axes that no place depends on, those of the grid.
+        On axes that no place depends on, the ends of the grid.
         """
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
@@ -399,12 +422,15 @@ class Images(Proof):
         return start
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """How far the lower and the upper ends of boxes (2, M, ndim) move under u_j in the interval from `time`, s, on.
+        """How far the lower and the upper ends of boxes (2, M, ndim) move under u_j in the interval from `time`, s.
 
-        The farthest during each part, (M, parts, ndim, 2), and at the interval's end, (M, ndim, 2), whenever that is;
-        with sensing both with E. pieces : into which each part is cut. On the axes that no place depends on a cell
-        begins as a point and the velocity is bounded wherever it may be. ValueError where no bounds are found
-        (`_unbounded`).
+        Returns displacements, negative for a lower end that falls: the extremes during each part, (M, parts, ndim, 2),
+        and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward, clipped at walls, and with
+        sensing widened by E. For a controller that remembers, the second is that of the points it carries on
+        (`_clipped`). On the axes that no place depends on the box is all that there is: displacements begin at 0 and
+        the velocity is bounded anywhere in it.
+
+        pieces : into which each part is cut. ValueError where no bounds are found (`_unbounded`).
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._off(start)
@@ -432,9 +458,10 @@ class Images(Proof):
         return tubes, np.moveaxis(self._held(start, last), 0, 2)
 
     def _off(self, start: FloatArray) -> FloatArray:
-        """By how much a state may be off a prediction in boxes (2, M, ndim): E, (M, ndim) or (ndim,).
+        """How far a state may be off a prediction in boxes `start` (2, M, ndim), along each axis: E, (M, ndim).
 
-        Of one that remembers 0 along an axis on which the box is a layer.
+        For a controller that remembers, 0 along an axis on which the box is a layer: there the state is known to be at
+        the wall.
         """
         if not self.problem.sensing.remembers:
             return np.broadcast_to(self.prediction_error, start.shape[1:])
@@ -443,11 +470,14 @@ class Images(Proof):
         return np.where(in_layer, 0.0, self.prediction_error)
 
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
-        """How far the ends of boxes `start` move to the points that a controller carries on which remembers: as `last`.
+        """The displacements of the ends of boxes `start` to the points that a controller with memory carries on.
 
-        start (2, M, ndim) : the boxes; last (2, M, ndim) : how far their ends move to the image of states. Of this E is
-        taken off at both ends, down to the middle. Not where the image is held at a wall as a whole, which is known;
-        and nothing else comes as near to a wall as a layer.
+        (2, M, ndim), as start and last are.
+
+        start : the boxes.
+        last : the displacements to the image of the states. E is taken off this image at both ends, but no more than to
+            its middle. An image that is held at a wall as a whole keeps its place, and no other image comes as near to
+            a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
@@ -463,11 +493,16 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """How far both ends of boxes `start` have moved at the end of a piece: (2, M, ndim), as all arguments.
+        """The displacements of both ends of boxes `start` at the end of a piece of the interval: (2, M, ndim).
 
-        It is moved + h F, rounded outward, and clipped at walls: F bounds the velocity in the face of a box, that the
-        states stay in, on the side of this end. moved : ... at its begin. before : in the piece before, a first guess.
-        times : when it begins and ends, s, h apart. ValueError where no such box is found.
+        moved + h F, rounded outward and clipped at walls. For each end F bounds the velocity in the face on its side of
+        a box that the states stay in during the piece.
+
+        start, moved, before : (2, M, ndim): the boxes, their ends' displacements at the begin of the piece, and what
+            these gained in the piece before, for a first guess.
+        times : when the piece begins and ends, s, h apart.
+
+        ValueError where no such box is found.
         """
         h = np.nextafter(times[1] - times[0], np.inf)
         ends, enclosure = self._enclosure(start, moved, before, j, times, h)
@@ -483,17 +518,18 @@ class Images(Proof):
         return self._held(start, after)
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved`, in place and returned, so that boxes `start` + moved end at walls; both (2, M, ndim)."""
+        """Clip `moved` in place so that start + moved ends at walls, rounded outward; returns it. Both (2, M, ndim)."""
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float], h: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Where boxes are at the begin of a piece, start + moved, and boxes that states stay in for its length h, s.
+        """Where boxes are at the begin of a piece, start + moved, and boxes that their states stay in during it.
 
-        Arguments, and both results, (2, M, ndim), as of `_piece`. Found by trying larger boxes until X + [0, h] V is
-        inside; ValueError (`_unbounded`) after `TRIES`.
+        Two arrays (2, M, ndim). The second is found by trying larger boxes until X + [0, h] V lies inside, V the
+        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`. The
+        arguments are those of `_piece`.
         """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
@@ -512,9 +548,12 @@ class Images(Proof):
         raise self._unbounded(j, ends, enclosure, times)
 
     def _unbounded(self, j: int, ends: FloatArray, enclosure: FloatArray, times: tuple[float, float]) -> ValueError:
-        """The error, to be raised, where no boxes are found that the states in boxes `ends` stay in under u_j.
+        """The ValueError for boxes `ends` for which no larger ones are found that states stay in; it is returned.
 
-        enclosure : what was tried last; both (2, M, ndim). It names the velocity that has no bound, or the widest box.
+        It names the velocity under u_j that has no bound, or else the widest of the boxes that were tried last,
+        `enclosure`.
+
+        ends, enclosure : (2, M, ndim). times : of the piece, s.
         """
         names, u = self.problem.grid.names, f"input {self.bounds.input(j)}"
         for boxes in (ends, enclosure):
@@ -535,9 +574,10 @@ class Images(Proof):
         )
 
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
-        """The first and last cell, from their own on, that hold cells at places (M,) whose ends moved: two (M, ndim).
+        """The first and the last cell that hold the cells at places (M,) after their ends have moved: two (M, ndim).
 
-        moved (M, ndim, 2) : how far the lower and upper ends moved. ValueError for moves of more than int16 cells.
+        As offsets from a cell's own index. moved (M, ndim, 2) : the displacements of the lower and the upper ends.
+        ValueError for offsets beyond int16.
         """
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):
@@ -548,23 +588,28 @@ class Images(Proof):
         return low, high
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """1 where a set's level-set function is > 0 in all of a cell during `times`, -1 where it is <= 0, else 0: int8.
+        """The sign of a set's level-set function in all of each cell: 1 where > 0, -1 where <= 0, else 0; int8.
 
-        Cells with the shell and E around them; broadcastable to the cells of all axes. times : from s to s.
+        At all `times`, s to s. Cells are widened by the shell and E. The shape is that of the cells of all axes, with 1
+        for axes that the set does not depend on.
+
+        part : the target or an unsafe set.
         """
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
-        """Whether a set is surely not met in each cell, with shell and E around it, during `times`, s to s: bool.
+        """Whether each cell, widened by the shell and E, is proved to be outside a set at all `times`, s to s: bool.
 
-        Broadcastable to the cells. asked : which cells of the set's axes are looked at; False in others.
+        The shape is as of `over_cells`.
+
+        asked : bool, the cells of the set's axes that are asked about; False for others.
         """
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
     def _ends_along(self, part: Any) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Lower and upper ends of the cells along each axis of a set, with all that counts as in them."""
+        """Lower and upper ends of the cells along each axis of a set, widened by shell and E: two lists of (count,)."""
         # obligation 9.7
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]
         return [own[:-1] - more for own, more in edges], [own[1:] + more for own, more in edges]

@@ -17,14 +17,17 @@ LABELS = ("certified", "not certified", "outside")
 
 
 def same_game(table: Table, certified: Table) -> None:
-    """Raise ValueError if tables are of different games; the nodes and the view-time of the solver may differ."""
+    """Raise ValueError unless two tables are of one game; the nodes of the grid and `view_time` may differ."""
     one, other = table.problem, certified.problem
     if one.digest != other.digest and not _alike(one, other, but=("shape", "view_time")):
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
 
 
 def as_built(problem: ReachAvoidProblem) -> bool:
-    """Whether a problem is what its recipe builds; with a set more or less it may still have the recipe."""
+    """Whether a problem is what its recipe builds, up to rounding and whatever its sensing; False without a recipe.
+
+    A problem to which a set was added may still have the recipe, which then builds another problem.
+    """
     if not problem.recipe:
         return False
     built = replace(rebuild(problem.recipe), sensing=problem.sensing)
@@ -32,8 +35,9 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 
 
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...] = ()) -> bool:
-    """Whether problems without black boxes are the same up to the rounding of two machines, and up to the entries of
-    `ReachAvoidProblem.numbers` that `but` names.
+    """Whether two problems without black boxes are equal, up to the rounding of two machines.
+
+    but : names of entries of `ReachAvoidProblem.numbers` that are not compared. False where a function is a black box.
     """
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs", *but))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
@@ -45,10 +49,14 @@ def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...
 
 
 def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0, within: int) -> FloatArray:
-    """For each row of `states` (M, ndim) its place in LABELS: (M,) int.
+    """The index in LABELS of each of the states (M, ndim): (M,) int.
 
-    "certified" has a proof, whatever the interpolated table says; "not certified" is in the table's tube without one;
-    "outside" is in neither. ValueError where the tables are of different games.
+    "certified" has a proof, whatever the interpolated table says; "not certified" is in that table's tube without a
+    proof; "outside" is in neither.
+
+    table, certified : the interpolated and the certified table. start, within : the tube, k and n.
+
+    ValueError where the tables are of different games.
     """
     same_game(table, certified)
     proved = certified.contains(states, start=start, within=within)

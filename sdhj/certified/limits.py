@@ -57,16 +57,19 @@ FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for w
 
 @dataclass(frozen=True)
 class Copy(GeneralProof):
-    """The proof of a coarse copy, that knows of each image and tube what the centre of the cell is led to.
+    """The proof of a coarse copy of a problem, which also knows what the centres of its cells are led to.
+
+    It proves nothing. Made by `of` and `replace`, filled by `prepare`; then `taking` gives the same proof without
+    something.
 
     Attributes
     ----------
     without : frozenset of str
         What of `CELLS` is taken away.
     of_centres : (starts, cells, bytes) uint8
-        As `clear`, of tubes of the centres.
-    ends : (starts, L, places, ndim, 2)
-        How far both ends of a cell are led.
+        As `clear`, but a bit says that the tube of the cell's centre is clear.
+    ends : (starts, L, places, ndim, 2) float32
+        How far the lower and the upper ends of the cells at a place have moved at the interval's end.
     """
 
     without: frozenset[str] = frozenset()
@@ -78,17 +81,23 @@ class Copy(GeneralProof):
     _turn: list[int] = field(default_factory=lambda: [0])  # how many sets have been made, where they are of no step
 
     def taking(self, *what: str) -> "Copy":
-        """The same, once it is prepared, with something taken away."""
+        """This proof, which has been prepared, with what is named, some of `CELLS`, taken away; arrays are shared."""
         clear = self.of_centres if "clearance" in what else self.clear
         return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0])
 
     @property
     def phases(self) -> int:
-        """See `Proof.phases`: all of them, where images differ from step to step."""
+        """After how many steps in a row without a change sets will not change any more (`Proof.phases`).
+
+        The number of `PHASES` where rounding is taken away, as images then differ from step to step; else 1.
+        """
         return len(PHASES) if "rounding" in self.without else 1
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, both kinds of clear inputs, arrivals and ends, once."""
+        """Fill moves, `clear`, `of_centres`, arrivals and ends, and make them read-only, unless that has been done.
+
+        Returns the `Packing` that `add` needs. progress : not used. ValueError where a bound is missing.
+        """
         if not self.low.flags.writeable:
             return Packing(self)
         mark = partial(self._mark_collisions, self._lattices(False))
@@ -96,7 +105,7 @@ class Copy(GeneralProof):
         arrivals = Arrivals(self)
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Of places, their tubes and their images what the recursion asks for, of cells and of centres."""
+            """Keep what the recursion needs of places `some` under u_j, for cells and centres; as of `Images.fill`."""
             mark(start, j, some, tubes)
             mark_centres(start, j, some, self.centred(some, tubes), tubes)
             self.ends[start, j, some] = last
@@ -107,7 +116,11 @@ class Copy(GeneralProof):
         return Packing(self)
 
     def centred(self, places: FloatArray, ends: FloatArray) -> FloatArray:
-        """Of how far the ends of cells at places (M,) move, (M, ..., ndim, 2), how far their centres may."""
+        """How far the centres of the cells at places (M,) may move, from how far their ends do: both (M, ..., ndim, 2).
+
+        A half width is taken off at both sides. Where the ends come nearer to each other than a width, the middle
+        between them counts.
+        """
         cells = self.cells_at(places)
         half = np.stack([np.diff(axis.edges())[own] / 2 for axis, own in zip(self.axes, cells.T, strict=True)], axis=1)
         half = half.reshape(len(places), *[1] * (ends.ndim - 3), len(self.axes))
@@ -116,7 +129,10 @@ class Copy(GeneralProof):
         return np.stack([low - crossed, high + crossed], axis=-1)
 
     def moves(self, step: int) -> Moves:
-        """Those of the interval from a step; without rounding in the phase whose turn it is."""
+        """The images of the interval from a step; without rounding, those of the phase whose turn it is.
+
+        As `Images.moves`. The turn is that of the step or, where nothing depends on time, of the sets made so far.
+        """
         if "rounding" not in self.without:
             return super().moves(step)
         start, turn = min(step, len(self.low) - 1), (self._turn[0] if self.time_invariant else step) % len(PHASES)
@@ -125,7 +141,12 @@ class Copy(GeneralProof):
         return self._rounded[start, turn]
 
     def _moves_of_centres(self, start: int, phase: float) -> Moves:
-        """Images of centres, moved on by phase - 1/2 of a cell and rounded; never outside what is rounded out."""
+        """The images of the centres from one start, moved on by phase - 1/2 of a cell and rounded: `Moves`.
+
+        They are inside the images of the cells.
+
+        start : the index of the interval in `low` and `high`. phase : from 0 to 1.
+        """
         low, high = np.empty((2, *self.low.shape[1:]), np.int16)
         places, width = np.arange(self.low.shape[2]), np.array([float(axis.width) for axis in self.axes])
         for j, ends in enumerate(self.ends[start]):
@@ -134,14 +155,21 @@ class Copy(GeneralProof):
         return Moves(low, high, self.strides, self.past)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """See `GeneralProof.add`; without rounding another image may be covered by a set that did not change."""
+        """Turn `cells`, S_k^{n-1}, into S_k^n, in place, as `GeneralProof.add`.
+
+        Without rounding all cells are asked about, whatever has `changed`: their images are others than in the step
+        before. Counts the turn of `moves`.
+        """
         if self.phases > 1:  # its moves are those of a turn
             prepared, changed = Packing(self), None
         super().add(prepared, cells, following, step, changed)
         self._turn[0] += 1
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """See `Images.over_cells`: which cells are in a set; without the target's whole cells those of its centres."""
+        """The sign of a set's function in each cell, as `Images.over_cells`; of the target also by the centres.
+
+        If "target" is taken away, -1 for each cell whose centre is in the target.
+        """
         found = super().over_cells(part, times)
         if "target" not in self.without or part is not self.problem.target:
             return found
@@ -153,7 +181,11 @@ class Copy(GeneralProof):
 
 
 class Tried(NamedTuple):
-    """A copy: a cause that was taken away, or none; what helps, or nothing; its table, and what it was made from."""
+    """A copy that was solved, and the one from which it differs.
+
+    cause : what was taken away, in words, or "". helps : what helps against that, or what was added; or "".
+    table : the copy's table. before : the table of the copy that it was made from.
+    """
 
     cause: str
     helps: str
@@ -162,7 +194,11 @@ class Tried(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """A cause that was taken away, or what was added, and what helps; which share of states is won before, and then."""
+    """How many states are won by what was taken away, or added.
+
+    name : what was taken away, in words, or "". helps : what helps against that, or what was added; or "".
+    before, then : the share of the states that the copy without the change has, and the one with it.
+    """
 
     name: str
     helps: str
@@ -171,10 +207,15 @@ class Gain(NamedTuple):
 
 
 class Limits:
-    """The copies of a table's problem, and what is gained by each."""
+    """The coarse copies of a table's problem, and what of them gains states.
+
+    All copies are solved when it is made; `gains` then answers for any states.
+    """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
-        """Solve copies of a table, of as many cells as can be paid. sets : `CellSets`.
+        """Solve copies of a table's problem, of as many cells as a share of the time of its solve pays for.
+
+        table : the `CertifiedTable`. sets : the class `CellSets`. Warnings and findings of the solves are dropped.
 
         Raises
         ------
@@ -192,11 +233,14 @@ class Limits:
 
     @property
     def cells(self) -> str:
-        """How many cells the copies have, in words."""
+        """The numbers of cells that the copies have along each axis, as a text such as "20 x 30"."""
         return " x ".join(str(axis.count) for axis in self.axes)
 
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
-        """What limits states (M, ndim) at a step with so many to go, and what gains if added; both the most first."""
+        """What limits states (M, ndim) at a step with `within` to go, and what gains if it is added: two lists.
+
+        Of `Gain`. In both the one that gains most is first, and those that gain little are left out.
+        """
         every = [
             Gain(one.cause, one.helps, *(self._share(own, states, step, within) for own in (one.before, one.table)))
             for one in self.tried
@@ -213,7 +257,10 @@ class Limits:
         return sorted(causes, key=lambda own: own.before - own.then), added
 
     def _share(self, table: Any, states: FloatArray, step: int, within: int) -> float:
-        """Of states the share that a copy's table has."""
+        """The share of states (M, ndim) that the tube (step, within) of a copy's table contains, from 0 to 1.
+
+        step, within : of the problem; a copy may have fewer and longer steps.
+        """
         longer = round(table.problem.delta / self.problem.delta)
         step = 0 if table.problem.time_invariant else min(step // longer, table.steps)
         within = table.steps if self.ever else min(within // longer, table.steps - step)
@@ -222,7 +269,7 @@ class Limits:
     # ---- the copies
 
     def _few(self, table: Any) -> tuple[CellAxis, ...]:
-        """The table's cells, or fewer, so that all copies together take a share of its time."""
+        """The table's cells, or fewer, so that all copies together take a share of its time, by the model."""
         problem, speeds, few, ndim = self.problem, speeds_of(self.problem), table.axes, len(table.axes)
         problems, cells = 2 + sum(1 for _ in self._lesser()), 2 * ndim + 2**ndim * (ndim <= MOST_AXES)
         settles = replace(problem, steps=min(problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
@@ -237,7 +284,7 @@ class Limits:
         return few
 
     def _copies(self) -> Iterator[Tried]:
-        """All copies: of the cells, of the problem, and what a user might try."""
+        """Solve and yield all copies: without something of the cells or of the problem, or with something added."""
         proof, ever = self._proof(self.problem, self.axes), self.problem.has_no_target
         self.plain = plain = self._solved(proof)
         yield Tried("creep" if ever else "rounding", "", self._solved(proof.taking("rounding")), plain)
@@ -255,7 +302,7 @@ class Limits:
                 yield Tried("", helps, self._solved(self._proof(replace(self.problem, **change), axes)), plain)
 
     def _lesser(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """What of the problem is taken away, by name, what helps then, and the change of its fields."""
+        """Yield what of the problem may be taken away: its name, what helps against it, and the changed fields."""
         problem = self.problem
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):
             yield "push", "a smaller disturbance or stronger inputs", {"dynamics": problem.dynamics.undisturbed()}
@@ -266,7 +313,7 @@ class Limits:
             yield f"clearance of {one.name!r}", f"more room beside {one.name!r}", {"unsafe": rest}
 
     def _further(self) -> Iterator[tuple[str, dict[str, Any], tuple[CellAxis, ...]]]:
-        """What may help, with the change of the problem's fields, and the cells."""
+        """Yield what may be added: what helps, in words, the problem's changed fields, and the cells of each axis."""
         problem, axes, every = self.problem, self.axes, list[CellAxis]()
         for k, name in enumerate(problem.grid.names):
             finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
@@ -280,7 +327,7 @@ class Limits:
             yield "Sensing(..., memory=True) and Controller.step", {"sensing": remembers}, axes
 
     def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> Copy:
-        """A copy's proof, with cells of these widths."""
+        """The proof of a problem, prepared, with cells as wide as those of `axes` along each axis."""
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
         proof: Any = Copy.of(problem, own, self.parts)
@@ -290,13 +337,13 @@ class Limits:
         return copy
 
     def _solved(self, proof: Copy) -> Any:
-        """The table of a copy."""
+        """Solve a copy by its proof, which is prepared, and return its table."""
         sets = self.sets(proof, False)
         recursion(sets, proof.problem.most_steps, lambda: None)
         return sets.finish({})
 
 
 def _most(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
-    """Those that gain so much at least, and a share of what the best of them does, the best first."""
+    """The gains of at least `least` and of a share of what the best of them gains, the best first."""
     least = max([least, GAINED, *(BESIDE * (own.then - own.before) for own in gains)])
     return sorted((own for own in gains if own.then - own.before >= least), key=lambda own: own.before - own.then)

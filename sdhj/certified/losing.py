@@ -40,9 +40,10 @@ MOST_VERTICES = 64
 
 @dataclass(frozen=True)
 class LosingProof(Images):
-    """The images of cells over one interval where the adversary chooses; the recursion asks it what it asks of a proof.
+    """The images of cells over one interval where the adversary chooses; `CellSets` asks it what it asks of any proof.
 
-    Its moves are (starts, L * V, places, ndim), those of u_j under vertex v at j * V + v.
+    Its moves are (starts, L * V, places, ndim), those of u_j under vertex v of the adversary's box at j * V + v. Made
+    by `against` and filled by `prepare`.
     """
 
     vertices: FloatArray  # (V, D), the signs of the adversary's components
@@ -50,14 +51,15 @@ class LosingProof(Images):
 
     @property
     def shrinks(self) -> bool:
-        """Whether sets lose cells with every step to go."""
+        """Whether sets of lost cells lose cells, rather than gain them, with every step to go: with a target."""
         return not self.problem.has_no_target
 
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
-        """A proof with room for its moves, which `prepare` fills, of a problem's cells and `parts` of an interval.
+        """A proof with room for its moves, which `prepare` fills.
 
-        ValueError where the adversary has too many vertices or ends are safe, MemoryError where moves do not fit.
+        axes : the cells of each axis. parts : into which an interval is cut. ValueError where the adversary's box has
+            more than `MOST_VERTICES` vertices or an end is safe, MemoryError where the moves do not fit into memory.
         """
         if problem.grid.has("frees"):
             raise ValueError('nothing is known to be lost where ends are "safe": who leaves there is out of danger')
@@ -74,23 +76,29 @@ class LosingProof(Images):
 
     @cached_property
     def bounds(self) -> Bounds:
-        """Bounds on the velocity at the vertices of the box of v."""
+        """Bounds on the velocity under each input at each vertex of the adversary's box; made once, at first use."""
         return Bounds(self.problem, self.vertices)
 
     @kept
     def past(self) -> FloatArray:
-        """Unsafe ends of axes, (2, ndim), past which a state is lost; infinite where there are none."""
+        """The unsafe ends of axes, lower and upper, (2, ndim), past which a state is lost; infinite for other ends."""
         return np.stack(self.problem.grid.faces("fails"))
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill the moves of every input and vertex."""
+        """Fill the moves of every input and vertex, make them read-only, and return the `Packing` that `add` needs.
+
+        progress : whether to show a bar, as for `sdhj.solve`. ValueError where a bound is missing.
+        """
         self.fill(1, progress, lambda *_: None)
         read_only((self.low, self.high))
         return Packing(self)
 
     @kept
     def inside(self) -> list[FloatArray]:
-        """Cells wholly inside the unsafe sets at each t_k, each (rows, W) uint64; one for all where no set moves."""
+        """For each step k the cells wholly inside the unsafe sets at t_k, (rows, W) uint64; one entry if no set moves.
+
+        Sets that are unsafe under some inputs only do not count. Computed once, at first use.
+        """
         always = [part for part in self.problem.unsafe if part.inputs is None]  # of others a state is not lost
         moving = [part for part in always if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
@@ -103,9 +111,9 @@ class LosingProof(Images):
         return out
 
     def goal(self, step: int) -> FloatArray:
-        """Lost_k^0, packed (rows, W) uint64: cells inside G(t_k), and those outside L(t_k).
+        """Lost_k^0 for k = step, packed (rows, W) uint64: cells inside G(t_k) and, with a target, those outside L(t_k).
 
-        At all times, where nothing depends on time.
+        If nothing depends on time, at all times.
         """
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
@@ -115,10 +123,12 @@ class LosingProof(Images):
         return inside | to_words(whole)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, Lost_k^{n-1}, into Lost_k^n, in place; both and `following` are packed, (rows, W) uint64.
+        """Turn `cells`, Lost_k^{n-1}, into Lost_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        following : Lost_{k+1}^{n-1}. changed : by which rows and bits it differs from Lost_{k+1}^{n-2}. prepared is not
-        used.
+        prepared : what `prepare` returned.
+        following : Lost_{k+1}^{n-1}.
+        changed : the rows, and their words, in which `following` differs from Lost_{k+1}^{n-2}; only cells whose images
+            may be there are looked at. None: all are.
         """
         inside = self.inside[min(step, len(self.inside) - 1)]
         if self.shrinks:

@@ -37,11 +37,13 @@ ROUNDED = 1e-15
 
 
 class Lines(NamedTuple):
-    """The lines of all images, none where there are no normals.
+    """The lines of all images; where there are no normals, no image is lines.
 
-    normals (K, ndim). halo (2, ndim) int64: cells with fewer cells than that before them or behind them on an axis have
-    boxes. each (starts, L, places, rows, 2) int16: the first and the last cell along the last axis, from a cell's own
-    on, of each row of the box on the axes that a normal has a part along.
+    normals : (K, ndim), of the planes that images lie between.
+    halo : (2, ndim) int64. A cell with fewer than halo[0] cells before it, or halo[1] behind it, on some axis keeps its
+        box.
+    each : (starts, L, places, rows, 2) int16, the first and the last cell along the last axis, less the cell's own
+        index, in each row of the box over the other axes that a normal has a part along.
     """
 
     normals: FloatArray
@@ -50,16 +52,20 @@ class Lines(NamedTuple):
 
 
 def no_lines(ndim: int) -> Lines:
-    """No lines: all images are boxes."""
+    """Lines without normals, on `ndim` axes: all images are boxes."""
     nothing = np.zeros((0, ndim)), np.zeros((2, ndim), np.int64), np.zeros((0, 0, 0, 0, 2), np.int16)
     return Lines(*read_only(nothing))
 
 
 def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> FloatArray:
-    """The normals of planes that images may lie between, (K, ndim); depends (ndim,) bool: the axes of a place.
+    """The normals of the planes that images may lie between: (K, ndim), K = 0 where there are none.
 
-    Where the gain is one for all states and times: normal to each of its columns, in the plane of each two axes that it
-    moves, and the axes. Else a fan of `FAN` in each plane, as they are in cells.
+    Planes are of use where a component of the disturbance moves two axes that no velocity depends on. Where the gain is
+    one for all states and times, the normals in the plane of two such axes are these axes and what is normal to each
+    column of the gain; else a fan of `FAN` directions. There are none with `Sensing`, with black boxes, or if they were
+    more than `MOST_NORMALS`.
+
+    depends : (ndim,) bool, the axes of a place (`place_axes`).
     """
     dynamics, found = problem.dynamics, list[FloatArray]()
     if problem.sensing or not dynamics.formulas:
@@ -90,14 +96,17 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
 def rates_along(
     bounds: Bounds, normals: FloatArray, j: int, low: FloatArray, high: FloatArray, times: tuple[float, float]
 ) -> FloatArray:
-    """Least and greatest n . f under u_j, for each of K normals n, in boxes (M, ndim) and `times`: (2, M, K).
+    """The least and the greatest n . f under u_j in boxes (M, ndim) and `times`, for each of K normals n: (2, M, K).
 
-    f is the velocity with any disturbance, of a nonlinear v with any in the pieces that its bounds are cut into.
+    f is the velocity under any disturbance: drift + gain v, or velocity(v) with v in any of the pieces that its bounds
+    are cut into.
+
+    normals : (K, ndim). low, high : the corners of the boxes. times : from s to s.
     """
     dynamics, grid = bounds.problem.dynamics, bounds.problem.grid
 
     def bounded(low: FloatArray, high: FloatArray) -> Ends:
-        """Least and greatest n . f over boxes (n, ndim) within the grid: two (n, K)."""
+        """The least and the greatest n . f over boxes (n, ndim) within the grid: two (n, K)."""
         if dynamics.gain is None:
             # obligation 2.48
             pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
@@ -118,7 +127,10 @@ def rates_along(
 
 
 def _component(normals: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest n . x over boxes (M, ndim) for each of K normals, rounded outward: both (M, K)."""
+    """The least and the greatest n . x over boxes from low to high (M, ndim), for K normals (K, ndim): two (M, K).
+
+    Rounded outward.
+    """
     with np.errstate(invalid="ignore"):
         ends = np.stack([low[:, None] * normals, high[:, None] * normals])
     ends = np.where(normals == 0.0, 0.0, ends)
@@ -135,11 +147,14 @@ def changes_along(
     begin: float,
     duration: float,
 ) -> FloatArray:
-    """The least and the most that n . x may change for states of boxes (2, M, ndim) in an interval: (2, M, K).
+    """By how much n . x changes at least and at most in an interval, for states of boxes (2, M, ndim): (2, M, K).
 
     The sum over the parts of length * (bounds on n . f in the part's tube), rounded outward.
-    tubes (M, parts, ndim, 2): how far the ends of the boxes move in each part. begin, duration: of the interval, s;
-    what the parts take is no difference of times, which are rounded as late as they are.
+
+    normals : (K, ndim). boxes : lower and upper corners.
+    tubes (M, parts, ndim, 2) : how far the ends of the boxes move in each part, under u_j.
+    begin, duration : of the interval, s. The length of a part is duration / parts, not a difference of two times, whose
+        rounding grows with the times.
     """
     out, parts = np.zeros((2, boxes.shape[1], len(normals))), tubes.shape[1]
     cuts = [begin + duration * part / parts for part in range(parts + 1)]
@@ -152,7 +167,10 @@ def changes_along(
 
 
 def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
-    """The most rows that boxes of cells (M, ndim) have on the axes that a normal has a part along, but the last."""
+    """The largest number of rows of boxes of cells from low to high (M, ndim).
+
+    Rows are counted over the axes, except the last, that one of the normals (K, ndim) has a part along.
+    """
     oblique: Any = normals.any(axis=0)
     numbers = high.astype(np.int64)[:, :-1] - low[:, :-1] + 1
     return int(np.where(oblique[:-1], numbers, 1).prod(axis=1).max())
@@ -161,10 +179,13 @@ def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
 def lines_in_boxes(
     axes: Sequence[CellAxis], normals: FloatArray, low: FloatArray, high: FloatArray, far: FloatArray
 ) -> FloatArray:
-    """The lines (M, rows, 2) int16 of images: in each row of boxes of cells the first and last between the planes.
+    """The lines (M, rows, 2) int16 of images: in each row of a box the first and the last cell between the planes.
 
-    low, high (M, ndim) : the boxes, from a cell's own on. far (2, M, K) : how far states get along each normal, at
-    least and at most.
+    As offsets from a cell's own index; in rows beyond those of a box 0.
+
+    axes : the cells of all axes. normals : (K, ndim).
+    low, high (M, ndim) : the boxes of the images, as offsets.
+    far (2, M, K) : by how much n . x changes at least and at most, of `changes_along`.
     """
     out = np.zeros((len(low), rows_of(normals, low, high), 2), np.int16)
     width, scale = (np.array([float(getattr(axis, name)) for axis in axes]) for name in ("width", "scale"))
@@ -176,8 +197,9 @@ def lines_in_boxes(
 def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, ends: Any) -> FloatArray:
     """By how many cells, and two more, anything gets below and above a cell: `Lines.halo`, (2, ndim) int64.
 
-    0 on periodic axes, and on those along which no normal has a part. tubes (M, parts, ndim, 2) : how far the ends of
-    cells move. ends : low and high, (M, ndim) each, of boxes of cells.
+    0 on periodic axes, and on those along which no normal has a part. axes : the cells of all axes.
+    tubes (M, parts, ndim, 2) : how far the ends of the cells move in each part.
+    ends : (low, high), each (M, ndim), the boxes of the images, as offsets in cells.
     """
     width = np.array([float(axis.width) for axis in axes])
     low, high = ends
@@ -189,18 +211,25 @@ def halo_of(axes: Sequence[CellAxis], normals: FloatArray, tubes: FloatArray, en
 
 
 class Drawing:
-    """Computes the lines of a proof's images, place by place, while the proof is prepared."""
+    """Draws the lines of a proof's images, a slab of places at a time, while the proof is prepared.
+
+    `add` is called for each slab; then `lines` has the lines of all of them.
+    """
 
     def __init__(self, proof: Any) -> None:
-        """No lines yet, along the normals of a proof that is being prepared."""
+        """Find the normals for a `GeneralProof` that is being prepared; there are no lines yet."""
         self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
         self.halo: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
 
     def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
-        """Draw the lines of places (M,), whose moves are known, by their tubes (M, parts, ndim, 2) under u_j.
+        """Draw the lines of places `some` (M,) under u_j; their moves must already be in the proof.
 
-        Where there are too many, or a row goes once around an axis, images stay boxes: all normals are dropped.
+        Where lines would take too much memory, or a row goes once around a periodic axis, all normals are dropped for
+        good, and all images stay boxes.
+
+        start : the index of the interval in the proof's moves. tubes (M, parts, ndim, 2) : as `Images.swept` returns
+            them.
         """
         proof, normals = self.proof, self.normals
         if not len(normals):
@@ -218,7 +247,7 @@ class Drawing:
 
     @property
     def lines(self) -> Lines:
-        """The lines of all places that were added, padded to as many rows as the largest has."""
+        """The `Lines` of all places that were added, padded to the rows of the largest box; a new object each time."""
         if not len(self.normals):
             return no_lines(len(self.proof.axes))
         rows = max(one.shape[1] for one in self.found.values())
@@ -229,12 +258,18 @@ class Drawing:
 
 
 def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> int:
-    """Bytes that the lines of images take at most, while they are drawn too; 0 without normals (`normals_of`)."""
+    """The bytes that the lines of images take at most, while they are drawn, too; 0 without normals (`normals_of`).
+
+    depends : (ndim,) bool, the axes of a place.
+    """
     return 8 * MOST_LINES if len(normals_of(problem, axes, depends)) else 0
 
 
 def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lines:
-    """The lines in an open file; ValueError where they do not fit the proof, of which the moves are read."""
+    """The lines in an open file, read-only; ValueError where they do not fit the proof, whose moves are read already.
+
+    stated : the proof's part of the head, with `normals` and `halo`.
+    """
     ndim, depends = len(proof.axes), proof.strides > 0
     normals, halo = np.array(stated["normals"], np.float64), np.array(stated["halo"], np.int64)
     fits = normals.ndim == 2 and normals.shape[1] == ndim and 0 < len(normals) <= MOST_NORMALS

@@ -196,7 +196,7 @@ class Certified(Options):
     name: ClassVar[str] = "certified"
 
     def __post_init__(self) -> None:
-        """Check the options; ValueError where one does not fit."""
+        """Check the options, and store them as int, float and tuple; ValueError where one does not fit."""
         object.__setattr__(self, "parts", whole("parts", self.parts, least=1, most=MOST_PIECES))
         object.__setattr__(self, "seconds", number("seconds", self.seconds, least=0.0))
         if self.cells is not None:
@@ -207,10 +207,12 @@ class Certified(Options):
                 raise ValueError(f"cells must be {fits}, got {reprlib.repr(self.cells)}") from None
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
-        """The sets of a problem, ready for the recursion; preparing them takes about half the time of the solve.
+        """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
-        ValueError if the cells, or the solve's cost, do not fit the problem, MemoryError if they do not fit into
-        memory.
+        progress : whether to show progress bars, as for `sdhj.solve`.
+
+        ValueError if the options, or the cost of the solve, do not fit the problem, MemoryError where it does not fit
+        into memory.
         """
         proof = self.proof(problem)
         begin(partial(cost_in_cells, proof), problem.steps is None)
@@ -253,13 +255,20 @@ class Certified(Options):
         return Estimate(count, round(RUNTIME + proof.peak + nbytes), seconds)
 
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
-        """The proof of a problem, not yet prepared: that of the arm's case study, or the general one."""
+        """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`.
+
+        A case study that has been changed, as by one more set, has a `GeneralProof`. MemoryError and ValueError as of
+        `sets`.
+        """
         kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
         kind = ArmProof if as_built(problem) else GeneralProof
         return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """The cells of each axis: about `cells`, or as many as are chosen; ValueError for a wrong number of axes."""
+        """The cells of each axis: about `cells`, or as many as the model chooses.
+
+        ValueError unless `cells` has a number for each axis.
+        """
         cells = self.cells
         if cells is None:
             cells = ARM_CELLS if as_built(problem) else chosen_cells(problem, self.parts, self.seconds)
@@ -269,7 +278,10 @@ class Certified(Options):
 
 
 def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
-    """The `Cost` of a solve with the cells of a proof, by the model of cells, in operations of `sdhj.problem.cost`."""
+    """The `Cost` of a solve with the cells of a proof, by the model of cells; said before the solve begins.
+
+    Its operations are those of `sdhj.problem.cost`, as many as take as long.
+    """
     problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
     count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS
     tubes = steps if problem.time_invariant else steps * (steps + 1) // 2
@@ -285,12 +297,12 @@ def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The cost of a certified solve: cells, peak memory in bytes, and time in seconds."""
+    """An estimate of what a certified solve costs: the number of cells, peak memory in bytes, and time in seconds."""
 
     cells: int
     nbytes: int
     seconds: float
 
     def __str__(self) -> str:
-        """Cells, memory and time in a line."""
+        """The number of cells, the memory and the time in one line."""
         return f"{self.cells:.1e} cells: about {self.nbytes / 1e9:.2g} GB of memory, {self.seconds:.0f} s"

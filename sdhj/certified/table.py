@@ -65,7 +65,7 @@ class CertifiedTable(Table):
     _explain = explain
 
     def __post_init__(self) -> None:
-        """Make arrays and details read-only."""
+        """Make `index` and `pool` read-only in place, and `details` a sealed copy."""
         read_only((self.index, self.pool))
         object.__setattr__(self, "details", Sealed(self.details))
 
@@ -81,7 +81,7 @@ class CertifiedTable(Table):
 
     @property
     def cells(self) -> Cells:
-        """The edges and the layout of the cells, as arrays for compiled code."""
+        """Where the cells are and how they are packed, as arrays for compiled code (`Cells`)."""
         return self.proof.cells
 
     @property
@@ -91,19 +91,20 @@ class CertifiedTable(Table):
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the sets and the proof's data take in memory."""
+        """The bytes that the sets and the proof's arrays take in memory."""
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """The row of `index` for the entry (start, within)."""
+        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start."""
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
-        """For each of the states (M, ndim), in how many of the sets first..last of the index it is not: (M,).
+        """In how many of the nested sets in rows first to last of `index` each of the states is not: (M,) int64.
 
-        A state is in a set that is off it by no more than slack (ndim,). ValueError where states do not fit.
+        So it is the number of the first set that a state is in, or last - first + 1. A state is in a set if it is off
+        one of its cells by no more than slack (ndim,). ValueError where the states (M, ndim) do not fit.
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -111,9 +112,11 @@ class CertifiedTable(Table):
         return out
 
     def steps_to_go(self, states: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified from states (M, ndim) at a step, N - step + 1 where none is certified: (M,).
+        """The fewest steps within which states (M, ndim) at a step are certified to reach the target: (M,) int64.
 
-        Without a target it is 0 where the state is certified to stay clear for all steps that are left.
+        N - step + 1 where none is certified. Without a target it is 0 where the state is certified to stay clear for
+        all steps that are left, else N - step + 1. A state within the shell of a cell counts as in it. ValueError where
+        states do not fit.
         """
         last = self.tube_index(step, self.steps)
         if self.problem.has_no_target:
@@ -121,7 +124,11 @@ class CertifiedTable(Table):
         return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether points (M, ndim) are in a tube: in its cells, and with sensing their box E off none."""
+        """Whether states (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, without the shell.
+
+        With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
+        around it.
+        """
         place = self.tube_index(start, within)
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
@@ -131,20 +138,24 @@ class CertifiedTable(Table):
         return out
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether predictions (M, ndim) are in no certified cell of the tube (start, within), (M,) bool."""
+        """Whether points (M, ndim), measured or predicted, are in no cell of the tube (start, within): (M,) bool.
+
+        Cells are closed; the shell does not count.
+        """
         place = self.tube_index(start, within)
         return self._fewest(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
-        """Whether a cell (ndim,) int64 is certified for the entry (start, within)."""
+        """Whether the cell (ndim,) int64, indices, is certified for the tube (start, within)."""
         place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
 
     def around(self, states: FloatArray) -> FloatArray:
-        """Points (M, V, ndim) of the box E around states (M, ndim), one at least in every cell that the box overlaps.
+        """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
-        At bounded ends they are clipped. So a set of cells that has all of them has whatever may be measured.
+        Clipped at bounded ends that are not safe. Where all of them are in a set of cells, so is whatever may be
+        measured.
         """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
@@ -160,18 +171,19 @@ class CertifiedTable(Table):
         return self.grid.clipped(found, "holds", "fails")
 
     def as_level_set(self, within: int | None) -> BlackBox:
-        """The level-set function that is -1 in the cells certified within so many steps, by default all, 1 elsewhere.
+        """A level-set function that is -1 in the cells certified within `within` steps, by default N, and 1 elsewhere.
 
-        At t_k of the tube of step k, at other times 1 everywhere, unless nothing depends on time. ValueError if
-        `within` is none from 0 to N.
+        A `BlackBox`, for a set of another problem. At t_k it is that of the tube of step k, at all other times 1
+        everywhere, unless nothing depends on time. ValueError if `within` is no whole number from 0 to N.
         """
         return _cells(self, self.steps if within is None else whole("within", within, least=0, most=self.steps))
 
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
-        """Whether all, and whether any, states of the boxes [low, high] (M, ndim) are certified: bool (2, M).
+        """Whether all, and whether any, states of boxes from low to high (M, ndim) are certified: bool (2, M).
 
-        A box counts as wholly certified even if it exceeds the cells by the shell plus the drift of three steps. A
-        box that crosses the end of an axis, periodic or not, never counts as wholly certified, but may in part.
+        For the tube (start, within). A box counts as wholly certified even if it exceeds the cells by the shell plus
+        twice `DRIFT` of the scale. A box that crosses the end of an axis, periodic or not, never counts as wholly
+        certified, and always as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
@@ -192,9 +204,11 @@ class CertifiedTable(Table):
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
-        """Which inputs are proved to be safe over the interval and to leave `within` - 1 steps to go: bool (M, L).
+        """Which inputs are proved safe over the interval and to leave `within` - 1 steps to go, from states (M, ndim).
 
-        A state in a certified cell has at least one such input, except for within = 0; any other state has none.
+        Returns bool (M, L). A state in a certified cell of the tube (step, within) has at least one such input, except
+        for within = 0; any other state has none. `within` is at most N - step. An input counts if it is proved from any
+        cell within the shell of the state.
         """
         place, within = self.tube_index(step, within), min(within, self.steps - step)
 
@@ -207,7 +221,10 @@ class CertifiedTable(Table):
         return self._united(states, asked)
 
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Whether asked(cells (n, ndim)), (n, L), holds in any cell of each state (M, ndim): bool (M, L)."""
+        """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
+
+        asked : called once with cells (n, ndim); returns bool (n, L).
+        """
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
         count, out = (
@@ -218,7 +235,10 @@ class CertifiedTable(Table):
         return out
 
     def fewest(self, cells: FloatArray, step: int) -> FloatArray:
-        """The fewest steps certified for all states of cells (M, ndim) at a step: (M,), N - step + 1 for none."""
+        """The fewest steps certified for all states of each cell (M, ndim) at a step: (M,), N - step + 1 for none.
+
+        Without a target 0 where the cell is certified to stay clear for all steps that are left, else N - step + 1.
+        """
         last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
         first = last if self.problem.has_no_target else self.tube_index(step, 0)
         fewest_of_cells(cells, self.cells, self.index[first : last + 1], self.pool, out)
@@ -227,11 +247,14 @@ class CertifiedTable(Table):
     def inputs_of(
         self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
-        """Which inputs are certified from all states of cells (M, ndim) for steps to go `ahead` (M,): bool (M, L).
+        """Which inputs are certified from all states of cells (M, ndim) at a step: bool (M, L).
 
-        None for 0 steps to go, and at the last step. among (M, L) bool : the inputs that are asked about, by default
-        all.
-        lines : whether the cells come in lines along `proof.along`, which takes least time.
+        No input is at the last step.
+
+        ahead (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set with
+            ahead - 1; 0: none is.
+        among (M, L) bool : the inputs that are asked about, by default all; False for others.
+        lines : whether the cells come in lines along `proof.along`, which takes less time.
         """
         among = np.ones((len(cells), len(self.problem.inputs)), np.bool_) if among is None else among
         if step == self.steps:
@@ -240,18 +263,22 @@ class CertifiedTable(Table):
         return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
-        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L)."""
+        """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L).
+
+        From a step before the last.
+        """
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The box in which a controller that remembers goes on, and how far from it the next measurement may be.
+        """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
 
-        Its lower and upper corners, (M, ndim) each: the ends of the cells that points (M, ndim) at a step are proved to
-        lead to under inputs (M,); NaN off the grid. Last 2 E, or E where the point is known to be at a wall: (M, ndim).
-        Of the cells that a point is near to, one counts from which its input is certified; of others it holds, too.
+        Returns the lower and the upper corners, (M, ndim) each: the ends of the cells that points (M, ndim) at a step
+        are proved to lead to under inputs (M,), indices; NaN for a point off the grid. And (M, ndim), along each axis 2
+        E, or E where the point is known to be at a wall. If several cells are within the shell of a point, that of
+        `led` counts.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.led(points, inputs, step)
@@ -264,11 +291,13 @@ class CertifiedTable(Table):
         return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 
     def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The cells that points (M, ndim) at a step lead to under inputs (M,): which points these are, rows (R,), those
-        on the grid, and the first and the last cell of each image (R, ndim).
+        """The cells that points (M, ndim) at a step are led to under inputs (M,), indices: (rows, first, last).
 
-        Of the cells that a point is near to it goes by the one in which its input is proved with the fewest steps to
-        go.
+        rows (R,) : the indices of the points that are on the grid.
+        first, last (R, ndim) : the first and the last cell of the image of each, neither clipped nor taken around.
+
+        If several cells are within the shell of a point, the image is that of the cell from which the input is proved
+        with the fewest steps to go; where it is proved from none, that of any.
         """
         points, (count, ndim), left = np.ascontiguousarray(points), points.shape, self.steps - step
         rows, cells = np.empty(count << ndim, np.int64), np.empty((count << ndim, ndim), np.int64)
@@ -284,9 +313,10 @@ class CertifiedTable(Table):
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)
 
     def _edge(self, numbers: FloatArray) -> FloatArray:
-        """Where cells of such numbers (M, ndim) begin, those of periodic axes counted on over the seam: (M, ndim).
+        """The lower ends of cells with indices (M, ndim), which may lie beyond the ends of axes: (M, ndim).
 
-        By the same operations as `sdhj_edge` in C, so that both carry on the same points.
+        On periodic axes indices count on over the seam; on others coordinates are clipped to the grid. By the same
+        operations as `sdhj_edge` in C, so that both carry on the same points.
         """
         cells, counts = self.cells, self.cells.counts
         laps = np.where(cells.periodic, numbers // counts, 0)
@@ -299,7 +329,10 @@ class CertifiedTable(Table):
         return np.stack([(one[k] + one[k + 1]) / 2 for one, k in zip(edges, cells.T, strict=True)], axis=1)
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape, <= 0 inside."""
+        """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape; <= 0 in the tube.
+
+        float32; without a target 0 in the tube and 1 outside. start, within : the tube, by default (0, N).
+        """
         start, within = self.clipped(start, within)
         if self.problem.has_no_target:
             outside = ~self.contains(self.grid.points(), start=start, within=within)
@@ -310,18 +343,19 @@ class CertifiedTable(Table):
         return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are certified at the nodes of the problem's grid: bool, grid.shape + (L,)."""
+        """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,)."""
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Certified steps to go of points (M, V, ndim) minus within (M,): (M, V), <= 0 in the tube."""
+        """Certified steps to go of points (M, V, ndim) at a step minus within (M,): (M, V), <= 0 in the tube."""
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
     def _hazards(self, states: FloatArray, step: int) -> FloatArray:
-        """Values (M, L), < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
+        """Values (M, L): < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
-        How clear is measured by the level-set functions where the input leads without an adversary; it proves nothing.
+        The magnitude is the distance from the unsafe sets, by their level-set functions, of where the input leads at
+        the interval's end without an adversary; it proves nothing.
         """
         clear = self._words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
@@ -333,10 +367,14 @@ class CertifiedTable(Table):
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
         """The answers for states (M, ndim) at a step, by the words of their cells; only certified inputs are safe.
 
-        within, scores (M, L) : as in `Table.answers`.
-        `best` is what "deepest" prefers at the centre of the cell or, by scores, the first input of least score. In the
-        target there may be no input that is proved to bring the state back into it one step later. At the
-        end of a run it may be in a cell that is none of S_k^0, of which nothing is told: `Controller.step` says so.
+        within : inputs are judged by the tube of the fewest steps to go, but of `within` where that is more. Without a
+            target always by that of all steps that are left.
+        scores (M, L) : `best` is then the first safe input of least score, else the one that "deepest" prefers at the
+            centre of the cell; -1 where none is safe.
+
+        In the target there may be no input that is proved to bring the state back into it one step later. At the end of
+        a run a state may be in the target and in no cell of S_k^0, so no answer says that it is; `Controller.step`
+        does.
         """
         step = whole("step", step, least=0, most=self.steps)
         left = self.steps - step
@@ -353,7 +391,10 @@ class CertifiedTable(Table):
         return batch
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
-        """The input that a built-in rule prefers at the centre of each state's cell, (M,); -1 is none."""
+        """The input that a built-in rule, by name, prefers at the centre of each state's cell, (M,); -1 for none.
+
+        batch : what `answers` has returned for the states. -1 where no input is safe.
+        """
         return (
             batch.best.copy()
             if rule == "deepest"
@@ -361,26 +402,38 @@ class CertifiedTable(Table):
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
-        """For each state the safe input of least score (M, L), of equals of least margin; or `Batch.best`: (M,)."""
+        """For each state of a batch the safe input of least score, of equals that of least margin: (M,).
+
+        scores : (M, L). Where no input is safe, it is `batch.best`.
+        """
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
-        """Whether each input passes the check against the true sets: all True, (M,), as safe inputs are proved."""
+        """Whether each input passes the check against the true sets, as controllers ask any table: all True, (M,).
+
+        Nothing needs to be checked, as safe inputs are proved.
+        """
         return np.ones(len(inputs), np.bool_)
 
     @cached_property
     def _words(self) -> Words:
-        """The words of the cells that were asked for."""
+        """The words of the cells that have been asked about; made at first use, and not copied with the table."""
         return Words()
 
     def bits(self, *, start: int, within: int) -> FloatArray:
-        """Which cells are in the set S_start^within, bool of shape `shape`: 900 million for the arm by default."""
+        """Which cells are in the tube (start, within): bool of shape `shape`, a byte for each cell.
+
+        900 million of them for the arm's case study by default.
+        """
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
         return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
 
     def _share(self, start: int, within: int) -> float:
-        """The share of the cells' volume; with `Sensing`, of 2^18 random states, those for which `contains` is True."""
+        """The share of the state space in the tube (start, within), from 0 to 1: the volume of its cells.
+
+        With `Sensing` it is estimated: the share of 2^18 random states, always the same, for which `contains` is True.
+        """
         if self.problem.sensing:
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
@@ -389,7 +442,7 @@ class CertifiedTable(Table):
 
     @kept
     def _measures(self) -> FloatArray:
-        """The share of the packed axes that each block of the pool holds, shape (blocks,)."""
+        """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
         if all(axis.count * axis.width == axis.extent[0] for axis in axes):  # equal cells: counting is enough
@@ -398,19 +451,20 @@ class CertifiedTable(Table):
 
     @cached_property
     def limits(self) -> Limits:
-        """What keeps the table small, by coarse copies of the problem (`sdhj.certified.limits`), for `explain`.
+        """What keeps the table small, by coarse copies of the problem (`sdhj.certified.limits`); for `explain`.
 
-        They are solved at the first access, for a quarter of the time of the solve. ValueError if intervals cannot
-        evaluate a function of the problem, as for the arm's case study.
+        The copies are solved once, at first use, which takes a part of the time of the table's solve. ValueError if
+        intervals cannot evaluate a function of the problem, as for the arm's case study; MemoryError where there is too
+        little memory.
         """
         return Limits(self, CellSets)
 
     @cached_property
     def losing(self) -> "CertifiedTable":
-        """Cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction`.
+        """The cells from which the adversary surely wins, as a table with `bits`, `contains` and `fraction` of these.
 
-        It is computed at the first access, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
-        evaluate a function of the problem, as for the arm's case study.
+        Computed once, at first use, by interval arithmetic (`sdhj.certified.losing`). ValueError if that cannot
+        evaluate a function of the problem, as for the arm's case study, or an end is safe.
         """
         return lost_cells(self.problem, self.axes, self.proof.parts)
 
@@ -486,7 +540,10 @@ class CertifiedTable(Table):
 
     @classmethod
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
-        """Read the table of this problem from an open file with this head; ValueError if they do not fit together."""
+        """The table in an open file with this head, for a problem that has been read from it.
+
+        ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together.
+        """
         cells = head["cells"]
         every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
         each = zip(every, cells["widths"], cells["shape"], layers, strict=True)
@@ -508,19 +565,23 @@ class CertifiedTable(Table):
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
-    """The outer product of vectors, of lengths n1, n2, ..., flat: (n1 n2 ...,), the last fastest."""
+    """The outer product of vectors of lengths n1, n2, ..., flat: (n1 n2 ...,), the last index fastest."""
     return reduce(np.multiply.outer, factors, np.ones(())).ravel()
 
 
 class CellSets:
-    """Every S_k^n as packed blocks (rows, words); what the recursion asks of them.
+    """All sets S_k^n as packed blocks (rows, words), as the recursion asks for them: a `TubeSets`.
 
-    Two sets are kept whole, S_k^n at hand and S_{k+1}^{n-1}; of all others only the rows that they add to the set with
-    a step less.
+    Only two sets are whole in memory, `cells`, the S_k^n at hand, and `following`, S_{k+1}^{n-1}; of every entry only
+    the rows are kept that it adds to the entry with a step less. So entries have to be computed in the order of
+    `recursion`, and `finish` ends it all.
     """
 
     def __init__(self, proof: Any, progress: bool | None) -> None:
-        """Prepare a proof, which takes about half of a solve; no entry is filled in yet."""
+        """Prepare a proof, which takes about half of the time of a solve; no entry is filled in yet.
+
+        progress : whether to show progress bars, as for `sdhj.solve`.
+        """
         counts = [axis.count for axis in proof.axes]
         self.filled, self.changing, self.settled, self.time_invariant = 0, 1.0, False, proof.time_invariant
         self.proof, self.prepared = proof, proof.prepare(progress)
@@ -528,12 +589,15 @@ class CellSets:
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
     def goal(self, step: int) -> None:
-        """Begin row k = step: keep S_k^0, the cells inside L(t_k) and outside G(t_k), as the entry (step, 0)."""
+        """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
 
     def extend(self, step: int, within: int) -> None:
-        """Compute and keep the entry (step, within), from (step, within - 1), kept last, and (step + 1, within - 1)."""
+        """Compute and keep the entry (step, within), from (step, within - 1) and (step + 1, within - 1).
+
+        (step, within - 1) must be the entry that was kept last.
+        """
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
@@ -548,27 +612,27 @@ class CellSets:
     def stopped(self, step: int, within: int) -> bool:
         """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1).
 
-        And as those before it, if a proof has several `phases`.
+        If the proof has several `phases`, whether the set has not changed for so many steps.
         """
         last = range(within - self.proof.phases + 1, within + 1)
         return last[0] > 0 and not any(self._added(step, n)[0].size for n in last)
 
     def share(self, step: int, within: int) -> None:
-        """Let the entry (step, within) be that of (step, within - 1), uncomputed; the sets have settled."""
+        """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True
 
     def _keep(self, step: int, within: int, changed: FloatArray) -> None:
-        """Keep, as the entry (step, within), the rows of the set at hand that `changed` (rows,) bool says."""
+        """Keep the rows of `cells` for which changed (rows,) bool is True, as what the entry (step, within) adds."""
         rows = np.flatnonzero(changed)
         self.added[step, within] = rows, self.cells[rows]
 
     def _added(self, step: int, within: int) -> tuple[FloatArray, FloatArray]:
-        """The rows (R,) in which an entry differs from the one of a step less, and their words (R, W)."""
+        """The rows (R,) in which an entry differs from the one with a step less, and these rows' words (R, W)."""
         return self.added[0 if self.time_invariant else step, within]
 
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
-        """The table of all entries, with these details and facts on its cells; the entries are used up.
+        """The table of all entries, with `details` and facts about its cells; called once, as the entries are used up.
 
         Warns where a problem without a number of steps has not settled.
         """
@@ -595,9 +659,10 @@ class CellSets:
 
 
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
-    """The cells that are surely lost, as a table whose `contains`, `bits` and `fraction` speak of the lost cells.
+    """The cells from which the adversary surely wins, as a table whose `contains`, `bits` and `fraction` are of these.
 
-    Nobody who remembers wins there either, but images are then of points that are carried on, not of states.
+    parts : into which an interval is cut. Computed as for a controller without memory, whose images are of states; one
+        that remembers does not win from there either. ValueError and MemoryError as of `LosingProof.against`.
     """
     problem = replace(problem, sensing=replace(problem.sensing, memory=False))
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)
@@ -606,29 +671,32 @@ def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int 
 
 
 def _cells(table: CertifiedTable, within: int) -> BlackBox:
-    """The level-set function that is -1 in the cells certified within so many steps, 1 elsewhere, as a `BlackBox`.
+    """The `BlackBox` of `CertifiedTable.as_level_set`, with bounds over boxes, from which a proof can go on.
 
-    At t_k of step k; at other times 1 everywhere, unless nothing depends on time. It has bounds over boxes, from which
-    a proof can go on. ValueError from the bounds where the tube depends on time and an interval is asked about.
+    Its bounds raise ValueError where the tube depends on time and an interval of times is asked about.
+
+    within : from 0 to N.
     """
     problem = table.problem
 
     def step_at(t: float) -> int | None:
-        """The step whose sampling time t is; None if it is none of the table's."""
+        """The step whose sampling time t is, s, to `ON_TIME` of an interval, or None; 0 if nothing depends on time."""
         step = 0 if problem.time_invariant else max(round((t - problem.time(0)) / problem.delta), 0)
         on_time = problem.time_invariant or abs(problem.time(step) - t) <= ON_TIME * problem.delta
         return step if on_time and step <= table.steps else None
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
-        """-1 in certified cells of the step at time t, 1 elsewhere."""
+        """-1 for points (M, ndim) in the tube of the step at time t, 1 for others: (M,); 1 at other times."""
         step = step_at(t)
         if step is None:
             return np.ones(len(points))
         return np.where(table.contains(points, start=step, within=within), -1.0, 1.0)
 
     def enclosure(low: FloatArray, high: FloatArray, t0: float, t1: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds, both (M,), over boxes (M, ndim) and [t0, t1]: -1 and -1 in certified cells only, 1 and 1 in none,
-        else -1 and 1. ValueError if the tube depends on time and t0 < t1.
+        """Bounds of the function, both (M,), over boxes (M, ndim) and [t0, t1], s.
+
+        (-1, -1) where all of a box is in certified cells, (1, 1) where nothing of it is, else (-1, 1). ValueError if
+        the tube depends on time and t0 < t1.
         """
         if t0 != t1 and not problem.time_invariant:
             raise ValueError(f"the tube of {problem.name!r} depends on time, so it has no bounds over an interval")

@@ -22,17 +22,19 @@ CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 
 
 class ProvedBatch(Batch):
-    """The answers of a certified table, whose margins are computed when they are first read.
+    """The answers of a certified table for M states; `margins` are computed when they are first read.
 
-    The margin of a certified input is the steps to go of the undisturbed successor minus those that are allowed, at
-    most 0; lower margins reach the target sooner. It is +inf for other inputs.
+    The margin of a certified input is min(steps to go of the undisturbed successor - (steps by which the input was
+    judged - 1), 0); inputs of lower margins reach the target sooner. It is +inf for other inputs.
+
+    table : the `CertifiedTable`, set after construction and before `margins` is read.
     """
 
     table: Any
 
     @cached_property
     def margins(self) -> FloatArray:
-        """(M, L), the margins at the cells of the states where inputs lead without a disturbance."""
+        """The margins (M, L), by where inputs lead the states without a disturbance; see the class. Computed once."""
         ahead = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
@@ -44,9 +46,11 @@ def margins_of(
 ) -> FloatArray:
     """The margin of each safe input of states (M, ndim) at a step, +inf for others: (M, L).
 
-    It is min(steps to go of the undisturbed successor - (ahead - 1), 0); past a safe end there are 0 steps to go.
-    ahead (M,) : the steps to go by which inputs were judged. safe (M, L) bool. moves (R, L, ndim), rows (M,) : the
-    successors of state m are states[m] + moves[rows[m]].
+    min(steps to go of the undisturbed successor - (ahead - 1), 0); past a safe end the successor has 0 steps to go.
+
+    ahead (M,) : the steps to go by which inputs were judged.
+    safe (M, L) : bool.
+    moves (R, L, ndim), rows (M,) : the successors of state m are states[m] + moves[rows[m]].
     """
     margins = np.full(safe.shape, np.inf)
     pairs, inputs = np.nonzero(safe)
@@ -68,12 +72,15 @@ def words_of(
     among: FloatArray | None = None,
     lines: bool = False,
 ) -> FloatArray:
-    """The words (M, 2 + ceil(L / 32)) uint32 of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them.
+    """The words of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them: (M, 2 + ceil(L / 32)) uint32.
 
-    Of each cell the inputs that leave max(steps to go, within) - 1 steps or, where `within` is `CLEAR`, those that stay
-    clear. A built-in rule is asked at the cell's centre; without a rule the first proved input is preferred. Cells that
-    are not certified have `NOTHING`. among : words of the same cells; only their inputs are asked about. lines :
-    whether cells come in lines, as for `GeneralProof.inputs`.
+    The inputs of a word are those proved to leave max(steps to go, within) - 1 steps; a cell that is not certified has
+    `NOTHING` and no inputs. For a `within` of `CLEAR` they are those proved to stay clear for one interval, of any
+    cell, and the steps to go are 0.
+
+    rule : which of a word's inputs is preferred; a built-in rule is asked at the cell's centre (`Rule`).
+    among : words of the same cells, whose inputs alone are asked about; None: all inputs.
+    lines : whether cells come in lines, as for `GeneralProof.inputs`.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -95,7 +102,7 @@ def words_of(
 
 
 def inputs_in(words: FloatArray, count: int) -> FloatArray:
-    """The inputs of words (M, ...), bool (M, count)."""
+    """The inputs that words (M, 2 + ...) uint32 list, of `count` inputs: bool (M, count)."""
     bits = np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)
     return np.unpackbits(bits, axis=1, count=count, bitorder="little").view(np.bool_)
 
@@ -103,10 +110,12 @@ def inputs_in(words: FloatArray, count: int) -> FloatArray:
 def chosen_of(
     table: Any, cells: FloatArray, step: int, ahead: FloatArray, to_go: FloatArray, safe: FloatArray, rule: Rule
 ) -> FloatArray:
-    """Which of the safe inputs (M, L) a rule prefers at the centres of cells (M, ndim): (M,), -1 where none is safe.
+    """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is safe.
 
-    ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest. A rule that is a tuple of all
-    inputs prefers the first of them that is safe; None, the one of least number.
+    ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
+    safe (M, L) : bool, the safe inputs.
+    rule : a built-in rule by its name; or a tuple of all inputs, of which the first safe one is preferred; or None: the
+        safe input of least index.
     """
     count = safe.sum(axis=1)
     chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
@@ -135,28 +144,36 @@ def chosen_of(
 
 
 def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
-    """The inputs of least score, of equals that of least margin, of both (M, L): (M,)."""
+    """The input of least score for each state, of equals that of least margin: (M,). scores, margins : (M, L)."""
     least = scores.min(axis=1, keepdims=True)
     return np.where(scores == least, margins, np.inf).argmin(axis=1)
 
 
 class Words:
-    """The words of a certified table that have been asked for, by step, within and rule (`Layer`)."""
+    """The words of a certified table that have been asked for, a `Layer` for each step, within and rule.
+
+    Several threads may ask.
+    """
 
     def __init__(self) -> None:
         """No words are known yet."""
         self.layers: dict[Any, Layer] = {}
 
     def __reduce__(self) -> Any:
-        """A copy knows no words."""
+        """Copy and pickle as an object without words, as locks cannot be copied."""
         return Words, ()  # locks cannot be copied
 
     def look(
         self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Steps to go (M,), proved inputs (M, L) and the preferred ones (M,) of states (M, ndim); -1 is none.
+        """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
 
-        Of each state by the words of all cells that it is within the shell of; words that are not known yet are made.
+        -1 where there is none. A state has the inputs of all cells within whose shell it lies, or of those among them
+        that have the fewest steps to go. Words that are not known yet are made and kept.
+
+        within : inputs are judged by the fewest steps to go, but by `within` where that is more; `CLEAR`: those that
+            stay clear.
+        rule : as for `words_of`.
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
@@ -176,22 +193,28 @@ class Words:
 
 
 class Layer:
-    """The words of one step, within and rule in a hash table, by the number of their cell; several threads may ask."""
+    """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
-        """A hash table of words of `width` numbers (uint32), in which none is known."""
+        """An empty hash table of words of `width` numbers (uint32)."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 
     def empty(self, slots: int, width: int) -> None:
-        """Forget all words, and make a hash table of so many slots, a power of two, for words of `width` numbers."""
+        """Forget all words and make a hash table of `slots` slots, a power of two, for words of `width` numbers.
+
+        Not locked: callers hold `lock`, or nobody else has the layer yet.
+        """
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
     def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
-        """Fill in the answers of states (M, ndim), and make the words that are missing.
+        """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
 
-        key : (start, within, rule) of this layer. most : words of more steps say nothing. out : (to_go (M,), safe
-        (M, L), chosen (M,)), to be written.
+        The lock is held while words are looked up and kept, not while they are made.
+
+        table : the `CertifiedTable` of which words are made. key : (start, within, rule) of this layer.
+        most : words with more steps to go count as not certified.
+        out : (to_go (M,), safe (M, L), chosen (M,)), overwritten; -1 where there is none.
         """
         start, within, rule = key
         missing = np.empty(len(states) << states.shape[1], np.int64)
@@ -206,9 +229,9 @@ class Layer:
                 look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep words `made` (n, width) of the cells of `numbers` (n,), and make room for them.
+        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room for them; `lock` is held.
 
-        At `MOST_SLOTS` slots, half of which are used, all earlier words are forgotten.
+        Where that takes more than `MOST_SLOTS` slots, all earlier words are forgotten.
         """
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:

@@ -12,10 +12,10 @@ T = TypeVar("T")
 
 
 def read_only(value: T) -> T:
-    """Make an array, or all those in tuples, lists and mappings, read-only in place; returns what was given.
+    """Make an array, or all arrays in tuples, lists and dicts, read-only in place; returns the same object.
 
-    So is every array that somebody keeps, from the beginning: to compiled code what may not be written has another
-    type, and a kernel that is given both is compiled twice.
+    Every array that is kept is made read-only when it is made: to compiled code a read-only array has another type, and
+    a kernel that is given both kinds is compiled twice.
     """
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
@@ -26,45 +26,44 @@ def read_only(value: T) -> T:
 
 
 def _refuse(self: Any, *_: Any, **__: Any) -> Any:
-    """Raise TypeError, which says how to write to a copy: what every method of `Sealed` and `SealedList` that
-    would write does.
-    """
+    """Raise TypeError, which says how to write to a copy: every writing method of `Sealed` and `SealedList`."""
     kind = "dict" if isinstance(self, dict) else "list"
     raise TypeError(f"this {kind} is read-only, as everything that is handed out; write to a copy, {kind}(it)")
 
 
 class Sealed(dict[str, Any]):
-    """A dict that cannot be written, nor the mappings and lists in it, TypeError; `dict(it)` is a copy that can."""
+    """A dict that cannot be written, nor the mappings and lists in it: TypeError. `dict(sealed)` can be written."""
 
     def __init__(self, given: Mapping[str, Any]) -> None:
-        """A copy of a mapping, sealed at every depth (`unwritable`)."""
+        """Copy a mapping, and seal it and what is in it (`unwritable`); `given` itself stays as it is."""
         super().__init__({name: unwritable(one) for name, one in given.items()})
 
     __setitem__ = __delitem__ = __ior__ = update = setdefault = pop = popitem = clear = _refuse
 
     def __reduce__(self) -> Any:
-        """Pickle its entries, so that it is sealed again when it is unpickled."""
+        """Pickle as a dict of the entries, which is sealed again when it is read."""
         return Sealed, (dict(self),)
 
 
 class SealedList(list[Any]):
-    """A list that cannot be written, nor the mappings and lists in it, TypeError; `list(it)` is a copy that can."""
+    """A list that cannot be written, nor the mappings and lists in it: TypeError. `list(sealed)` can be written."""
 
     def __init__(self, given: Iterable[Any]) -> None:
-        """A copy of a list, sealed at every depth (`unwritable`)."""
+        """Copy a list, and seal it and what is in it (`unwritable`); `given` itself stays as it is."""
         super().__init__(map(unwritable, given))
 
     __setitem__ = __delitem__ = __iadd__ = __imul__ = append = extend = insert = _refuse
     pop = remove = clear = sort = reverse = _refuse
 
     def __reduce__(self) -> Any:
-        """Pickle its entries, so that it is sealed again when it is unpickled."""
+        """Pickle as a list of the entries, which is sealed again when it is read."""
         return SealedList, (list(self),)
 
 
 def unwritable(value: Any) -> Any:
-    """The value with mappings and lists, at every depth, as `Sealed` and `SealedList` copies; anything else is
-    the same object.
+    """A mapping as a `Sealed` copy, a list as a `SealedList` copy, a tuple with its entries so; anything else as it is.
+
+    Mappings and lists within these are sealed, too, at any depth. A tuple without any is the same object.
     """
     if isinstance(value, Mapping):
         return Sealed(value)
@@ -75,10 +74,13 @@ def unwritable(value: Any) -> Any:
 
 
 class kept(cached_property[T]):
-    """A `cached_property` whose arrays are made read-only in place, and whose mappings and lists are sealed copies."""
+    """A `cached_property` whose value cannot be written: computed once, at first use, and then read-only.
+
+    Arrays in the value are made read-only in place; mappings and lists are sealed copies (`unwritable`).
+    """
 
     def __init__(self, function: Callable[[Any], T]) -> None:
-        """Make the property of a method, whose value is made read-only once it is found."""
+        """Make the property of the method `function`, which computes its value."""
 
         def found(self: Any) -> Any:
             """The method's value, made read-only."""

@@ -15,13 +15,18 @@ SIDE = 256  # nodes of rows that are turned together
 
 
 class Leaves(NamedTuple):
-    """Maxima of functions over intervals along an axis, a leaf each: leaf i is that of function parent[i] over interval
-    which[i].
+    """What `maximum_of_intervals` computes: leaf i is the maximum of function parent[i] over the intervals which[i].
 
-    parent, which (leaves,). For each interval and node: taps (intervals, n, 2, 4), nodes around its two ends: before,
-    left, right, behind; weight (intervals, n, 2, 2), share of the right node and factor of the limited second
-    difference; between (intervals, n, 2), first node within the interval and the one behind the last, periodic axes
-    unwrapped. point (intervals,), whether the two ends are one.
+    An interval lies alike around every node of an axis; its ends are interpolated.
+
+    parent, which : (leaves,).
+    taps : (intervals, n, 2, 4), for each interval and node, at each of its two ends the nodes before, left, right and
+        behind.
+    weight : (intervals, n, 2, 2), at each end the share of the right node and the factor of the limited second
+        difference.
+    between : (intervals, n, 2), the first node within the interval and the one behind the last; on a periodic axis they
+        are not taken around.
+    point : (intervals,) bool, whether the two ends are one.
     """
 
     parent: FloatArray
@@ -34,18 +39,19 @@ class Leaves(NamedTuple):
 
 @kernel(inline="always")
 def _limited(a, b):
-    """The limited second difference: that of a and b with the lesser magnitude; 0 where their signs differ."""
+    """The limited second difference of a and b: the one of lesser magnitude, or 0 where their signs differ."""
     lesser = a if abs(a) < abs(b) else b
     return lesser if a * b > 0 else a - a  # not a * 0: that would be of double precision
 
 
 @kernel(**UNCOUNTED)
 def _interpolate_end(out, values, taps, weight, start, stop, raised):
-    """out = the interpolant of the rows start:stop of values (n, B) between two nodes; raised: the greater of it and
-    `out`. In place.
+    """Write to out the interpolant, at one end of an interval, of the rows start to stop of values (n, B), in place.
 
-    a + share (b - a) + bend times the limited second difference. taps (4,): the nodes before, left, right and behind;
-    weight (2,): share and bend.
+    a + share (b - a) + bend times the limited second difference, a and b being the values left and right of the end.
+
+    taps (4,) : the nodes before, left, right and behind. weight (2,) : share and bend.
+    raised : out becomes the greater of that and what was in it.
     """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
     b, p = values[taps[2], start:stop], values[taps[3], start:stop]
@@ -63,8 +69,9 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 
 @kernel(**UNCOUNTED)
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
-    """out = max of values[:, start:stop], values (n, B), over interval `kind` of `leaves` around a node; raised:
-    and of `out`. In place.
+    """Write to out the maximum of values[:, start:stop] over interval `kind` of `leaves` around a node, in place.
+
+    values : (n, B). raised : out becomes the greater of that and what was in it.
     """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
@@ -78,8 +85,10 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 
 @kernel()
 def _maximum_of_short_rows(out, values, kind, leaves, raised):
-    """out = the maximum over interval `kind` of `leaves` around each node, out (rows, nodes, B) of values (rows,
-    n, B), of few nodes each, done side by side; raised: and of what was in `out`. In place.
+    """Write to out (rows, nodes, B) the maximum of values (rows, n, B) over an interval around each node, in place.
+
+    kind : the number of the interval in `leaves`. All rows are done side by side, as each has few nodes. raised : out
+        becomes the greater of that and what was in it.
     """
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
@@ -103,10 +112,10 @@ def _maximum_of_short_rows(out, values, kind, leaves, raised):
 
 @kernel(parallel=True, least=FEW)
 def maximum_of_intervals(values, leaves, raised, out):
-    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node, parent and
-    which those of `leaves`.
+    """out[i, a, node, b] = the maximum of values[parent[i], a, :, b] over interval which[i] around the node.
 
-    values (functions, A, n, B), out (leaves, A, nodes, B), in place. raised: and of what was in `out`.
+    values (functions, A, n, B). out (leaves, A, nodes, B) : written in place. leaves : the `Leaves`, with parent and
+    which. raised : out becomes the greater of that and what was in it.
     """
     count, before, nodes, after = out.shape
     short = after < SHORT and before > 1
@@ -127,7 +136,7 @@ def maximum_of_intervals(values, leaves, raised, out):
 
 @kernel(parallel=True, least=FEW)
 def maximum_along(values, out):
-    """out (A, B) = the greatest of values (A, n, B) along the axis in the middle."""
+    """out[a, b] = the greatest of values[a, :, b]; values (A, n, B), out (A, B), written in place."""
     before, nodes, after = values.shape
     for a in prange(before):
         if after == 1:

@@ -73,21 +73,20 @@ LINKED = LINKED and all(hasattr(cpu_target.target_context.codegen(), name) for n
 
 
 def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for the next process.
+    """Compile a function as `numba.njit(**options)` does, and keep the machine code on disk for other processes.
 
-    least : with parallel=True, how many numbers the largest array must have for loops to be shared out to threads.
+    least : with parallel=True, how many entries the largest array must have for loops to be shared out to threads.
 
     Numba's own disk cache watches the one file that a function stands in, and would run on with an old helper or
-    constant of another file, and with damaged code. Here what is kept belongs to that file and to those of this folder
-    that it imports (`sources`); other versions lie beside it. Kernels import nothing from outside the folder. Functions
-    compiled in other packages or notebooks may use it too: changes to their own file count as ever, and any to a file
-    of this folder. Where nothing can be kept, the kernel is compiled in every process.
+    constant of another file, and with damaged code. Here kept code belongs to the function's file and to those of this
+    folder that it imports, directly or not (`sources`); code of other versions lies beside it. Kernels import nothing
+    from outside the folder. A function in another package or a notebook may be compiled so, too: its code then belongs
+    to its own file and to all files of this folder. Where no folder can be written, the kernel is compiled in every
+    process, which is said once.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The function as a dispatcher of Numba, cached on disk where a folder can be written; with parallel=True
-        as `Shared`.
-        """
+        """The function as a dispatcher of Numba whose code is kept on disk; with parallel=True a `Shared`."""
         whole = {"pipeline_class": Whole, **options} if LINKED else options
         try:
             dispatcher: Any = njit(cache=True, **whole)(function)
@@ -109,25 +108,27 @@ def kernel(least: int = 0, **options: Any) -> Callable[[Callable[..., Any]], Any
 
 
 class Kernel(CPUDispatcher):
-    """A dispatcher of Numba that Python calls; compiled code that names it calls `within`, the same function
-    compiled for that.
+    """A dispatcher of Numba for calls from Python; compiled code that calls it calls its attribute `within` instead.
+
+    `within` is the same function, compiled only as a part of its callers.
     """
 
     within: Any = None  # of a copy in another process
 
     @property
     def _numba_type_(self) -> Any:
-        """The type that Numba takes it for in compiled code that calls it: that of `within`."""
+        """The type that the dispatcher has for Numba in compiled code: that of `within`."""
         return types.Dispatcher(self.within or self)
 
 
 class Whole(Compiler):
-    """Numba's compiler for a function that Python calls: what it calls is `Linked` with it, and the whole is
-    optimised once.
+    """Numba's compiler for a function that Python calls: it is optimised once, with all that it calls.
+
+    What it calls is `Linked` with it.
     """
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile a function and all that it calls as one library, optimised as a whole; returns Numba's result."""
+        """Compile the function `func` and all that it calls as one library; returns Numba's result."""
         codegen = self.state.targetctx.codegen()
         self.state.library = codegen.create_library(func.__qualname__)
         self.state.library.enable_object_caching()
@@ -142,22 +143,22 @@ class Whole(Compiler):
 
 
 class Linked(JITCodeLibrary):
-    """The code of a function that is called by what is being compiled: no machine code is made of it.
+    """Numba's library of a function that is called by what is being compiled: no machine code is made of it by itself.
 
-    Of a function that Python can call too, because it is compiled by `numba.njit` elsewhere, it is, as ever. LLVM's
-    passes over one function at a time stay: without them loops that are linked are not vectorised, and a union takes
-    half as long again.
+    Unless Python can call the function, too, as it was compiled by `numba.njit` elsewhere: then the library is the
+    `whole` one and made as ever. LLVM's passes over one function at a time stay: without them loops that are linked are
+    not vectorised, and a union takes half as long again.
     """
 
     whole = False
 
     def _optimize_final_module(self) -> None:
-        """Optimise the library if it is the `whole` one, else do nothing."""
+        """Optimise the library if it is the `whole` one; do nothing for a part."""
         if self.whole:
             super()._optimize_final_module()
 
     def _finalize_final_module(self) -> None:
-        """Finish the library if it is the `whole` one; of a part, do only what linking it needs."""
+        """Finish the library if it is the `whole` one; for a part, do only what linking it needs."""
         if self.whole:
             super()._finalize_final_module()
         else:
@@ -165,8 +166,10 @@ class Linked(JITCodeLibrary):
             self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """The address of the wrapper for Python, 0 where there is none. The first call by Numba decides whether
-        the library is the `whole` one.
+        """The address of a function in machine code, by its name; 0 for a part, which has none.
+
+        The first call, by Numba before the library is finished, sets `whole`: whether the name, that of a wrapper for
+        Python, is defined here.
         """
         if not self._finalized:
             defined = (function.name for function in self._final_module.functions if not function.is_declaration)
@@ -175,24 +178,28 @@ class Linked(JITCodeLibrary):
 
     @property
     def codegen(self) -> Any:
-        """Numba's code generator for the whole library; for a part this object, whose `set_env` does nothing."""
+        """Numba's code generator for a `whole` library; for a part this object itself, whose `set_env` does nothing."""
         return self._codegen if self.whole else self
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Do nothing: of a part there is no machine code that could be told of its environment; `Whole` does it
-        where there is.
+        """Do nothing, in place of the code generator: a part has no machine code whose environment could be set.
+
+        `Whole` sets it where there is machine code.
         """
 
 
 class MachineCode:
-    """Compiled versions of a function on disk, a file for each: what it belongs to and a digest, and then the code.
+    """Compiled versions of a function on disk, a file for each: a digest, and then the key and the code.
 
-    Takes the place of the files of Numba's cache: damaged code ends the process, a damaged index every later one.
+    It stands in for the object of Numba's cache that reads and writes files, and has the methods that Numba calls:
+    `load`, `save`, `flush`. Of Numba's own files, damaged code ends the process, and a damaged index every later one.
     """
 
     def __init__(self, files: Any, source: str) -> None:
-        """The files of a kernel whose source file is `source`, in place of the `files` of Numba's cache, with a
-        stamp of the sources that it rests on.
+        """Keep code of a kernel in the file `source` in place of Numba's `files`, stamped with what it belongs to.
+
+        The stamp holds Numba's version and a digest of the sources (`sources`); for a file outside this folder, that
+        file's time of change and all sources.
         """
         self.start = os.path.join(files._cache_path, files._index_name.removesuffix(".nbi"))
         known = sources().get(source)  # of other files Numba's stamp, the time at which they were changed last
@@ -201,15 +208,14 @@ class MachineCode:
         self.flush, self.dump = files.flush, files._dump
 
     def _path(self, key: Any) -> Path:
-        """The path of the file of the code for a key, Numba's signature and target: it is named by a digest of
-        key and sources.
+        """The path of the file of the code for a key, Numba's signature and target; named by a digest.
+
+        The digest is of the key and the stamp.
         """
         return Path(f"{self.start}.{blake2b(self.stamp + repr(key).encode(), digest_size=16).hexdigest()}.code")
 
     def load(self, key: Any) -> Any:
-        """The code kept under a key, for Numba to read; None where there is none or it is damaged. Marks the file
-        as used now.
-        """
+        """The code that is kept under a key; None where there is none or it is damaged. Marks its file as used now."""
         path = self._path(key)
         try:
             whole = path.read_bytes()
@@ -223,8 +229,9 @@ class MachineCode:
         return data if kept == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code `data` under a key in a file that is whole or absent, and remove files not used for long
-        (`_clear`, once in a process).
+        """Keep the code `data` under a key, in a file that appears whole or not at all; OSError where it cannot.
+
+        Then removes files of the folder that were not used for long, once in a process (`_clear`).
         """
         path, code = self._path(key), self.dump((key, data))
         temporary = path.with_suffix(f".{uuid.uuid4().hex}.code")
@@ -236,10 +243,10 @@ class MachineCode:
         _clear(path.parent)
 
     def by_one_process(self, compile_it: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """The function `compile_it`, a dispatcher's `compile`, but other processes wait while it compiles a signature,
-        and then find what it kept.
+        """A dispatcher's method `compile_it`, made to run in one process at a time for each signature.
 
-        Locks are taken in the order in which functions call one another, so no two processes wait for each other.
+        Other processes wait meanwhile, and then find the code that was kept. Locks are taken in the order in which
+        functions call one another, so no two processes wait for each other.
         """
 
         def compiled(signature: Any) -> Any:
@@ -253,8 +260,9 @@ class MachineCode:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Within it no other process is let in at the same path, whose file is created and removed again; where that
-    cannot be done, or takes longer than `PATIENCE`, all are.
+    """A context that one process at a time may be in, for each path; a file is created there, and removed at the end.
+
+    A process that cannot lock the file, or waits longer than `PATIENCE`, goes in without the lock.
     """
     lock, until = None, time.monotonic() + PATIENCE
     with suppress(OSError):
@@ -270,7 +278,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _lock(file: int) -> bool:
-    """Take the lock on an open file, a descriptor, if it is free at once; whether it was."""
+    """Try to take the lock on an open file, a descriptor, without waiting; returns whether it was free."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -280,9 +288,7 @@ def _lock(file: int) -> bool:
 
 @contextmanager
 def _cache_is_optional() -> Iterator[None]:
-    """Within it whatever error the cache on disk raises is caught, and said once (`_say_uncached`): the kernel is
-    compiled, or not kept.
-    """
+    """A context in which any error of the cache on disk is caught and said once: Numba then compiles the kernel."""
     try:
         yield
     except Exception as error:
@@ -291,7 +297,7 @@ def _cache_is_optional() -> Iterator[None]:
 
 @cache
 def _say_uncached(why: str) -> None:
-    """Warn that compiled code is not kept on disk, and `why`; only the first time in a process."""
+    """Warn that compiled code is not kept on disk, and `why`; only the first time in a process, whatever the reason."""
     if _say_uncached.cache_info().currsize == 0:  # once, whatever else is in the way
         warnings.warn(
             f"compiled code is not kept for the next process: {why}; set NUMBA_CACHE_DIR to a folder that can be "
@@ -302,10 +308,10 @@ def _say_uncached(why: str) -> None:
 
 
 class Shared:
-    """A compiled function that shares its loops out over threads; one such call at a time, others wait.
+    """A compiled function whose loops are shared out over threads; one such function runs at a time, others wait.
 
-    On the simplest of Numba's threading layers two at once would end the process, and a process that is forked off one
-    whose OpenMP threads have started would end, or wait for ever, at its first call.
+    On the simplest of Numba's threading layers two at once would end the process. A process that was forked off one
+    whose OpenMP threads have started would end, or wait for ever, at its first call; here it gets a RuntimeError.
     """
 
     running = threading.RLock()
@@ -313,20 +319,19 @@ class Shared:
     looked, free = -GLANCE, (1, 1)  # when `free_cores` has looked last, and what it has found then and before
 
     def __init__(self, dispatcher: Any, least: int = 0) -> None:
-        """Share the loops of a compiled `dispatcher` out, unless none of its arrays has `least` entries: then one
-        thread runs it.
-        """
+        """Share out the loops of a compiled `dispatcher`, where its largest array has at least `least` entries."""
         self.dispatcher, self.least = dispatcher, least
 
     def __getattr__(self, name: str) -> Any:
-        """The attribute of that name of the compiled function."""
+        """The attribute of that name of the compiled function; AttributeError for special names."""
         if name.startswith("__"):  # which copies ask of one that is still empty
             raise AttributeError(name)
         return getattr(self.dispatcher, name)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Run the kernel on as many threads as cores are free, on one if its arrays are small; its result.
-        RuntimeError in a process that was forked off one with threads.
+        """Call the function on as many threads as cores are free, on one if its arrays are small; its result.
+
+        Waits while another `Shared` runs. RuntimeError in a process that was forked off one with threads.
         """
         if Shared.lost:
             raise RuntimeError(
@@ -347,11 +352,12 @@ class Shared:
 
 
 def free_cores() -> int:
-    """How many cores no other program keeps busy, at least one; all of them where that cannot be seen.
+    """How many cores no other program keeps busy, at least one; all cores where that cannot be seen.
 
-    A loop that is shared out ends with its slowest thread, and one that has to share its core is slow: beside a busy
-    program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one. What is busy at one look only
-    does not count. Only Linux tells, and not on which cores, so a process that may use some of them looks in vain.
+    A loop that is shared out ends with its slowest thread, and a thread that has to share its core is slow: beside a
+    busy program a solve by two threads on two cores took 1.4 to 1.7 times as long as by one. A core counts as busy only
+    at two looks in a row, which are `GLANCE` seconds apart at least. Only Linux tells how many processes run, and not
+    on which cores: a process that may use some cores only counts all of them as free.
     """
     cores, now = os.cpu_count() or 1, time.monotonic()
     if now - Shared.looked >= GLANCE:
@@ -366,7 +372,7 @@ def free_cores() -> int:
 
 
 def _forked() -> None:
-    """After a fork, in the child: make a new lock, and note whether threads cannot be used here (`Shared.lost`)."""
+    """In the child of a fork, make a new lock, and note in `Shared.lost` whether threads cannot be used there."""
     Shared.running = threading.RLock()
     with suppress(ValueError):  # no threads were started
         lost = threading_layer() == "omp" and sys.modules["numba.np.ufunc.omppool"].openmp_vendor == "GNU"
@@ -378,17 +384,17 @@ if hasattr(os, "register_at_fork"):
 
 
 def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator that compiles a function into each compiled one that calls it, anew for all types of arguments;
-    options as `kernel`.
+    """A decorator for functions that are compiled into each kernel that calls them, anew for all types of arguments.
 
-    It may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are unrolled, when
-    compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
+    The function may call itself with the rest of a tuple: `if len(rest) == 0` is then decided, and the calls are
+    unrolled, when compiling. (Such a test must be of an argument itself: what is not decided must fit all types.)
+    options : as for `kernel`.
     """
 
     inside: Any = {"forceinline": True, **WITHIN, **options}
 
     def compiled(function: Callable[..., Any]) -> Any:
-        """The function itself, which kernels that call it inline from now on."""
+        """Register the function for inlining, and return it unchanged."""
         overload(function, strict=False, jit_options=inside)(lambda *types: function)
         return function
 
@@ -396,18 +402,18 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
-    """A function that is one of a table of `inlined` ones: its first argument is `choice(table, name)`, others follow.
+    """A function for kernels that calls one of a table of `inlined` functions, which one being known when compiling.
 
-    Which one it is, is known when compiling: the length of a tuple is part of its type.
+    Its first argument is `choice(table, name)`, a tuple whose length says which; the others are handed on.
     """
     functions = tuple(table.values())
 
     def call(place: tuple[int, ...], *arguments: Any) -> Any:
-        """The chosen function, functions[len(place)], called with the other arguments."""
+        """Call the chosen function, functions[len(place)], with the other arguments; returns its result."""
         return functions[len(place)](*arguments)
 
     def compiled(place: Any, *types: Any) -> Callable[..., Any]:
-        """The implementation for the compiler, which knows the length of `place` from its type."""
+        """The implementation of `call` for the compiler, which knows the length of `place` from its type."""
         function = functions[len(place)]
         return lambda place, *arguments: function(*arguments)
 
@@ -417,18 +423,19 @@ def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
 
 
 def choice(table: Mapping[Any, Any], name: Any) -> tuple[int, ...]:
-    """The number of the entry `name` of a table, as `chosen` takes it: a tuple of as many zeros. ValueError if
-    there is none.
+    """The first argument of a `chosen` function for the entry `name` of its table: a zero for each earlier entry.
+
+    ValueError if the table has no such entry.
     """
     return (0,) * list(table).index(name)
 
 
 @cache
 def sources() -> dict[str, str]:
-    """By the path of each source file of this folder, a hexadecimal digest of it and of those of the folder that it
-    imports, and that these import.
+    """A digest, in hexadecimal, of each source file of this folder and all its imports there: {path: digest}.
 
-    As they are when the first kernel is defined. What is imported stands at the top of a file and is named in full.
+    Imports of imports count, too. Computed once, when the first kernel is defined. Imports are found by text: they must
+    stand at the top of a file, and name modules in full.
     """
     folder, package = Path(__file__).parent, __name__.rpartition(".")[0]
     files = {file: file.read_bytes() for file in sorted(folder.rglob("*.py"))}
@@ -452,8 +459,9 @@ def sources() -> dict[str, str]:
 
 
 def _imported(source: bytes) -> Iterator[str]:
-    """Yield the full names of the modules that a file's source imports at its top, and of all else that it
-    imports and that may be one.
+    """Yield the full names of the modules that a file's source imports at its top, and of what it imports from them.
+
+    Names of functions are among these, as they may be modules.
     """
     text = source.decode(errors="replace")
     for module, names in re.findall(r"^from ([\w.]+) import (\([^)]*\)|.*)", text, re.MULTILINE):
@@ -465,8 +473,9 @@ def _imported(source: bytes) -> Iterator[str]:
 
 @cache
 def _clear(folder: Path) -> None:
-    """Remove the files of compiled kernels in a folder that nobody has used for `KEPT_DAYS`, and of the others
-    the oldest beyond `KEPT_BYTES`; once for each folder in a process.
+    """Remove files of compiled kernels that nobody has used for `KEPT_DAYS`, and the oldest beyond `KEPT_BYTES`.
+
+    Of one folder, once for each folder in a process.
     """
     known = []
     for path in folder.glob("*.code"):
@@ -481,28 +490,27 @@ def _clear(folder: Path) -> None:
 
 
 class _Announcer(Listener):
-    """A listener to Numba's compiling that says `LINE` when the first kernel of this package is compiled; one
-    that is read from the cache is not.
-    """
+    """A listener to Numba that writes `LINE` when the first kernel of this package is compiled, not read."""
 
     said = False
 
     def on_start(self, event: Any) -> None:
-        """Write `LINE` to standard error, once, if what is compiled is of this package."""
+        """Write `LINE` to standard error, the first time that the function compiled is of this package."""
         kernel = event.data["dispatcher"].py_func
         if not self.said and kernel.__module__.startswith("sdhj."):
             self.said = True
             tqdm.write(LINE, file=sys.stderr)  # above a progress bar, should there be one
 
     def on_end(self, event: Any) -> None:
-        """Do nothing: the interface of listeners asks for it."""
+        """Do nothing: Numba's listeners must have this method."""
         pass
 
 
 def hidden(progress: bool | None) -> bool:
-    """Whether nothing is to be shown while work goes on; progress as for `solve`.
+    """Whether nothing is to be shown while work goes on, as `progress` says, or standard error where it is None.
 
-    A program without a console, or with that descriptor closed, has no standard error, which tqdm does not survive.
+    progress : as for `sdhj.solve`; None: it is shown where standard error is a terminal. A program without a console,
+        or with that descriptor closed, has no standard error, which tqdm does not survive: then True.
     """
     stream: Any = sys.stderr
     return stream is None or not (stream.isatty() if progress is None else progress)
@@ -510,9 +518,9 @@ def hidden(progress: bool | None) -> bool:
 
 @contextmanager
 def announced(progress: bool | None = None) -> Iterator[None]:
-    """Within it, say once on standard error that kernels are compiled, should any be.
+    """A context that says once on standard error that kernels are compiled, should any be; says nothing within another.
 
-    progress : as for `solve`; by default where standard error is a terminal.
+    progress : as for `sdhj.solve`; by default where standard error is a terminal.
     """
     if _listening or hidden(progress):  # what is around it says it already
         yield

@@ -43,10 +43,10 @@ _inlined = inlined(error_model="numpy")
 
 @_inlined
 def _reduced(x):
-    """r and bits: x less the nearest whole number of quarter turns, |r| <= pi/4, and that number in the last bits of an
-    int64; r is NaN for more than TURNS.
+    """x less whole quarter turns: (r, bits), r in [-pi/4, pi/4], bits an int64 whose last bits count these turns.
 
-    Each difference is exact or of the size of its larger operand, so the relative error stays small at zeros, too.
+    r is NaN for more than TURNS quarter turns. Each difference is exact or of the size of its larger operand, so the
+    relative error stays small at zeros, too.
     """
     bits = x * QUARTERS + ROUND
     k = bits - ROUND
@@ -78,7 +78,7 @@ def _cosine(r):
 
 @_inlined
 def sine(x, ahead):
-    """sin(x + ahead pi/2), for a whole number `ahead`: sin for 0, cos for 1. NaN for more than TURNS quarter turns."""
+    """sin(x + ahead * pi/2): the sine for ahead = 0, the cosine for ahead = 1. NaN beyond TURNS quarter turns."""
     r, quarter = _reduced(x)
     quarter += ahead
     value = _cosine(r) if quarter & 1 else _sine(r)
@@ -87,9 +87,7 @@ def sine(x, ahead):
 
 @_inlined
 def tan(x):
-    """tan(x) = sin(r) / cos(r), or -cos(r) / sin(r) in odd quarters, r reduced to [-pi/4, pi/4]. NaN for more
-    than TURNS quarter turns.
-    """
+    """tan(x): sin(r) / cos(r), or -cos(r) / sin(r) in odd quarter turns, for r of `_reduced`. NaN beyond TURNS."""
     r, quarter = _reduced(x)
     sine, cosine = _sine(r), _cosine(r)
     return (-cosine if quarter & 1 else sine) / (sine if quarter & 1 else cosine)
@@ -103,8 +101,9 @@ def _power_of_two(exponent):
 
 @_inlined
 def _exp(x, low):
-    """exp(x + low), where |low| is at most a unit in the last place of x, or so: 2^k e^r, e^r by a Taylor
-    polynomial.
+    """exp(x + low), where |low| is at most about a unit in the last place of x: 2^k e^r, e^r by a Taylor polynomial.
+
+    NaN for NaN, 0 far below 0, infinity where it overflows.
     """
     x = -750.0 if x < -750.0 else x
     x = 710.0 if x > 710.0 else x  # infinite in the end
@@ -123,13 +122,13 @@ def _exp(x, low):
 
 @_inlined
 def exp(x):
-    """e^x; 0 far below 0, infinity where it overflows."""
+    """e^x: 0 far below 0, infinity where it overflows, NaN for NaN."""
     return _exp(x, 0.0)
 
 
 @_inlined
 def _split(x):
-    """k, a float, and f of x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite."""
+    """(k, f), two floats, of x = 2^k (1 + f) with 1 + f from sqrt(1/2) to sqrt(2), for x > 0 and finite."""
     small = x < 2.0**-1022
     bits = np.float64(x * 2.0**54 if small else x).view(np.int64) + (ONE_BITS - ROOT_BITS)
     k = np.int64(np.int64(np.uint64(bits) >> np.uint64(52)) | WHOLE_BITS).view(np.float64) - (2.0**52 + 1023)
@@ -154,7 +153,7 @@ def log(x):
 
 @_inlined
 def _product(a, b):
-    """p and the rest: a b as the sum of two floats (Dekker 1971), for numbers of moderate size."""
+    """(p, rest): the product a b as the exact sum of two floats (Dekker 1971), for numbers of moderate size."""
     p, wide_a, wide_b = a * b, a * 134217729.0, b * 134217729.0
     head_a, head_b = wide_a - (wide_a - a), wide_b - (wide_b - b)
     tail_a, tail_b = a - head_a, b - head_b
@@ -163,9 +162,10 @@ def _product(a, b):
 
 @_inlined
 def _long_log(x):
-    """log(x) as the sum of two floats, returned, to 62 bits; x > 0 and finite.
+    """(high, low): log(x) as the sum of two floats, to 62 bits, for x > 0 and finite.
 
-    2 artanh(s) with s = f / (2 + f) as two floats; of the series 2 (s + s^3/3 + s^5/5 ...) the first two terms, too.
+    2 artanh(s) with s = f / (2 + f) as two floats; of the series 2 (s + s^3/3 + s^5/5 ...) the first two terms are,
+    too.
     """
     k, f = _split(x)
     t = 1.0 + (1.0 + f)
@@ -200,7 +200,7 @@ def pow(a, b):
 
 @_inlined
 def _artan(p, q):
-    """arctan(p / q) for p, q >= 0, not both 0 and not both infinite, as the sum of two floats, returned."""
+    """(high, low): arctan(p / q) as the sum of two floats, for p, q >= 0, not both 0 and not both infinite."""
     x = p / q
     kind = (1.0 if x > 7 / 16 else 0.0) + (1.0 if x > 11 / 16 else 0.0) + (1.0 if x > 19 / 16 else 0.0)
     c = 0.5 * kind
@@ -233,8 +233,9 @@ def arctan(x):
 
 @_inlined
 def arctan2(y, x):
-    """The angle of (x, y), y first, from -pi to pi. The sign of a zero counts as in NumPy: +-0 or +-pi at the
-    origin, and +-pi where x < 0.
+    """The angle of the point (x, y), from -pi to pi; y is the first argument.
+
+    The sign of a zero counts as in NumPy: +-0 or +-pi at the origin, and +-pi for y = +-0 and x < 0.
     """
     high, low = _artan(abs(y), abs(x))
     origin = (y == 0.0) & (x == 0.0)
@@ -256,7 +257,7 @@ def tanh(x):
 
 @_inlined
 def _arc(z):
-    """(arcsin(s) - s) / s for z = s^2 <= 1/4, by fdlibm's rational function."""
+    """(arcsin(s) - s) / s for z = s^2 <= 1/4, by fdlibm's rational function of z."""
     p = 2.01212532134862925881e-01 + z * (
         -4.00555345006794114027e-02 + z * (7.91534994289814532176e-04 + z * 3.47933107596021167570e-05)
     )
@@ -291,7 +292,7 @@ def arccos(x):
 
 @_inlined
 def hypot(a, b):
-    """sqrt(a^2 + b^2), scaled by a power of two so that squares do not overflow."""
+    """sqrt(a^2 + b^2), computed of numbers scaled by a power of two, so that squares do not overflow."""
     a, b = abs(a), abs(b)
     size = a if a > b else b
     size = size if size > 2.0**-1000 else 2.0**-1000
@@ -304,7 +305,7 @@ def hypot(a, b):
 
 @_inlined
 def mod(a, b):
-    """a - floor(a / b) b, rounded once; NaN for b = 0 and for more than LAPS laps."""
+    """a - floor(a / b) b, rounded once; it has the sign of b. NaN for b = 0 and for more than LAPS laps, |a / b|."""
     laps = (a / b + ROUND) - ROUND  # the nearest, so that both differences below are exact
     head = np.int64(np.float64(b).view(np.int64) & HEAD).view(np.float64)
     rest = (a - laps * head) - laps * (b - head)

@@ -13,9 +13,13 @@ FAR = 1e9  # cells; beyond it a coordinate has too few digits left to place it i
 
 
 class Lattice(NamedTuple):
-    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, as `Grid` names them.
+    """A grid as compiled code reads it: arrays (ndim,), one entry for each axis, named as in `Grid` where it has them.
 
-    What is looked up may hold some of the nodes only, `extent` of each axis from the node `first` on (`Window`).
+    What is looked up may be stored at some of the nodes only, along each axis at `extent` nodes from the node `first`
+    on (`Window`).
+
+    least, most : coordinates past which a state is lost, through an unsafe end; infinite where there is none.
+    safe_ends (2 ndim,) : coordinates past which a state is out of danger, lower ends, then upper ones.
     """
 
     lower: Any
@@ -31,18 +35,19 @@ class Lattice(NamedTuple):
 
 @kernel()
 def among(node, count):
-    """A node of a periodic axis, also whole turns away, as one of its `count` nodes: node modulo count. A
-    division costs as much as all the rest.
+    """node modulo count: which of the `count` nodes of a periodic axis it is, which may be whole turns away.
+
+    A division is made only where it is: it costs as much as all the rest.
     """
     return node if 0 <= node < count else node % count
 
 
 @kernel()
 def locate(coordinate, axis, lattice):
-    """(node at or left of a coordinate along an axis of the lattice, weight of the node to its right); beyond an end of
-    a bounded axis, those of the end.
+    """(left, share): the node at or left of a coordinate along an axis of the lattice, and the weight of the next node.
 
-    Nodes of a periodic axis are to be taken modulo its shape.
+    Beyond an end of a bounded axis, those of the end. Nodes of a periodic axis may lie beyond its ends: they are to be
+    taken modulo its shape.
     """
     position = (coordinate - lattice.lower[axis]) / lattice.spacing[axis]
     if lattice.periodic[axis]:
@@ -67,11 +72,12 @@ def on_grid(point, lattice):
 
 @kernel()
 def corners(point, axes, lattice, tiny, index, weight):
-    """Write the flat indices and the weights of the nodes around a point (ndim,) on the subgrid of `axes` of the
-    lattice; returns how many.
+    """Write the flat indices and the weights of the nodes around a point (ndim,); returns how many nodes these are.
 
-    Nodes of no weight are left out; a weight below `tiny` is taken for rounding, the point for one on the other node.
-    `index` and `weight`, both (2^len(axes),), are modified in place.
+    On the subgrid of `axes` of the lattice. Nodes of no weight are left out; a weight below `tiny` is taken for
+    rounding, and the point for one on the other node.
+
+    index, weight (2^len(axes),) : overwritten.
     """
     index[0] = 0
     weight[0] = 1.0
@@ -101,8 +107,9 @@ def corners(point, axes, lattice, tiny, index, weight):
 
 @kernel()
 def weighted(values, row, index, weight, count):
-    """The sum of weight[c] values[row, index[c]] for c < count: the interpolated row of values (rows, size),
-    between the nodes that `corners` found.
+    """The interpolated value of one row of values (rows, size): the sum of weight[c] * values[row, index[c]].
+
+    index, weight, count : the nodes around a point, of `corners`; c goes over the first `count`.
     """
     total = 0.0
     for c in range(count):
@@ -112,8 +119,9 @@ def weighted(values, row, index, weight, count):
 
 @kernel(parallel=True)
 def interpolate(values, points, lattice):
-    """Multilinear interpolation of grid `values` (1, size), flat, at `points` (M, ndim): (M,) float64; `OUTSIDE`
-    off the grid, a `Lattice`.
+    """Multilinear interpolation of grid values (1, size), flat, at points (M, ndim): (M,) float64.
+
+    `OUTSIDE` off the grid. lattice : the grid's `Lattice`.
     """
     count, ndim = points.shape
     out = np.empty(count)
@@ -142,8 +150,9 @@ def turned(x, lower, upper):
 
 @kernel(nogil=True)
 def wrap(points, lower, upper, periodic):
-    """Wrap the coordinates of points (M, ndim) on periodic axes into [lower, upper), in place; lower, upper,
-    periodic (ndim,).
+    """Move the coordinates of points (M, ndim) on periodic axes by whole turns into [lower, upper), in place.
+
+    lower, upper, periodic : (ndim,).
     """
     for m in range(points.shape[0]):
         for axis in range(points.shape[1]):

@@ -35,7 +35,7 @@ def larger(a, b):
 
 @_inlined
 def nearest(low, high):
-    """The least absolute value of the numbers in [low, high]."""
+    """The least absolute value of the numbers in [low, high]: 0 where 0 is among them."""
     return larger(larger(low, -high), 0.0)
 
 
@@ -47,14 +47,15 @@ def farthest(low, high):
 
 @_inlined
 def hull(p, q, r, s):
-    """The least and the greatest of four numbers, two floats."""
+    """(least, greatest) of four numbers."""
     return lesser(lesser(p, q), lesser(r, s)), larger(larger(p, q), larger(r, s))  # obligation 7.5
 
 
 @_inlined
 def widened(low, high, share, tiny, zero):
-    """Both ends moved outward: by a share of their magnitude, and by `tiny`, but an end that is 0 by `zero` in
-    its place.
+    """(low, high), both ends moved outward: by `share` of their size and by `tiny` more.
+
+    An end that is 0 is moved by `zero` instead of `tiny`.
     """
     less, more = zero if low == 0.0 else tiny, zero if high == 0.0 else tiny
     return low - (abs(low) * share + less), high + (abs(high) * share + more)
@@ -62,11 +63,11 @@ def widened(low, high, share, tiny, zero):
 
 @_inlined
 def summed(a, b, c, d):
-    """The lower end a + b and the upper end c + d, each moved outward only where it is not already beyond the exact
-    sum.
+    """(low, high): the sums a + b and c + d, each moved outward only where it is not already beyond the exact sum.
 
     What rounding took away is a number, and its sign is known (Knuth's sum of two). So a sum that is exact stays, and
-    where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, it is still in it.
+    where the border of a set is the end of the grid, as that of |x - 9.25| - 0.25 may be 9.5, the end is still in the
+    set.
     """
     low, high = a + b, c + d
     rest_low, rest_high = left_over(a, b, low), left_over(c, d, high)
@@ -76,15 +77,17 @@ def summed(a, b, c, d):
 
 @_inlined
 def left_over(a, b, total):
-    """a + b - total, exactly, where total is the rounded sum; NaN where that is too large."""
+    """a + b - total, the rounding error of the rounded sum `total`, exactly; NaN where numbers are too large."""
     second = total - a
     return (a - (total - second)) + (b - second)
 
 
 @_inlined
 def of_signs(low, high, negative, positive):
-    """Both ends of products or quotients moved outward by a unit in the last place, but not across 0: unless some
-    of them is `negative`, low is at least 0; unless some is `positive`, high is at most 0.
+    """(low, high), the ends of products or quotients, moved outward by a unit in the last place, but not across 0.
+
+    negative, positive : whether some of the products may be < 0, or > 0. If none is negative, low is at least 0; if
+        none is positive, high is at most 0.
     """
     low, high = low - (abs(low) * STEP + TINY), high + (abs(high) * STEP + TINY)  # obligation 7.3
     return low if negative else larger(0.0, low), high if positive else lesser(0.0, high)  # obligation 7.6
@@ -92,7 +95,7 @@ def of_signs(low, high, negative, positive):
 
 @_inlined
 def mul(a, b, c, d):
-    """[a, b] [c, d]: the hull of the products of the ends, rounded outward; two floats."""
+    """(low, high) of [a, b] * [c, d]: the hull of the products of the ends, rounded outward."""
     low, high = hull(a * c, a * d, b * c, b * d)
     negative, positive = (a < 0.0) & (d > 0.0) | (b > 0.0) & (c < 0.0), (a < 0.0) & (c < 0.0) | (b > 0.0) & (d > 0.0)
     return of_signs(low, high, negative, positive)
@@ -100,8 +103,9 @@ def mul(a, b, c, d):
 
 @_inlined
 def div(a, b, c, d):
-    """[a, b] / [c, d]: the hull of the quotients of the ends, rounded outward, two floats; the lower end NaN
-    where [c, d] holds 0.
+    """(low, high) of [a, b] / [c, d]: the hull of the quotients of the ends, rounded outward.
+
+    low is NaN where [c, d] holds 0.
     """
     above, below = c > 0.0, d < 0.0
     low, high = hull(a / c, a / d, b / c, b / d)
@@ -112,16 +116,17 @@ def div(a, b, c, d):
 
 @_inlined
 def _holds_whole(low, high):
-    """Whether a whole number lies in [low, high], or within the rounding of its ends."""
+    """Whether a whole number lies in [low, high], or so near to it that rounding of the ends may hide it."""
     slack = 4.0 * STEP * (1.0 + farthest(low, high))
     return np.ceil(low - slack) <= np.floor(high + slack)
 
 
 @_inlined
 def wave(low, high, p, q, shift):
-    """The ends of sin or cos over [low, high] radians: from p and q, its values at the ends, -1 and 1 where an
-    extreme lies within. Its maxima are at shift, its minima at shift + 1/2, in turns and modulo 1. NaN where an
-    end is too large.
+    """(low, high) of sin or cos over [low, high], rad: p or q, or -1 and 1 where an extreme lies within.
+
+    p, q : its values at both ends. shift : where a maximum is, in turns; minima are half a turn away. NaN where an end
+        is too large.
     """
     low, high = low * TURN - shift, high * TURN - shift
     most = 1.0 if _holds_whole(low, high) else larger(p, q)  # obligation 7.9
@@ -131,17 +136,17 @@ def wave(low, high, p, q, shift):
 
 @_inlined
 def tan(low, high, least):
-    """The lower end of tan over [low, high] radians: `least`, the value there; NaN across a pole."""
+    """The lower end of tan over [low, high], rad: `least`, the value at `low`; NaN where a pole may lie within."""
     return NAN if _holds_whole(low * (2.0 * TURN) - 0.5, high * (2.0 * TURN) - 0.5) else least  # obligation 7.12
 
 
 @_inlined
 def mod(a, b, c, d, p, q):
-    """The ends of mod over the operands [a, b] and [c, d], from p = mod(a, c) and q = mod(b, d): rounded outward where
-    it rises from p to q, else from 0 to the divisor. NaN where the divisor may be 0, or laps are more than LAPS.
+    """(low, high) of mod over operands in [a, b] and divisors in [c, d], from p = mod(a, c) and q = mod(b, d).
 
-    By a constant, and where no lap ends, it rises with its first operand. A lap that ends between a and b, less than
-    one lap apart, leaves the second value below the first.
+    NaN where the divisor may be 0, or laps exceed LAPS. Where the function rises from p to q, the ends are these,
+    rounded outward; else 0 and the divisor. It rises with its first operand for a constant divisor, where no lap ends.
+    A lap that ends between a and b, less than one lap apart, leaves q below p.
     """
     rises = (c == d) & ((b - a < abs(c)) & (p < q) | (a == b))
     low, high = lesser(c, 0.0), larger(d, 0.0)
@@ -152,8 +157,9 @@ def mod(a, b, c, d, p, q):
 
 @_inlined
 def power(low, high, p, q, n):
-    """The ends of the n-th power over [low, high], from p and q, its least and largest values, widened: odd
-    powers have the sign of their base. NaN where a negative power meets 0.
+    """(low, high) of the n-th power over [low, high], from p and q, its least and largest value, widened already.
+
+    Clipped at 0 where the sign is known; NaN where a negative power meets 0.
     """
     p, q = larger(0.0, p) if low >= 0.0 else p, lesser(0.0, q) if (high <= 0.0) & (n % 2 != 0) else q
     q = q if (n >= 0) | (farthest(p, q) < LARGE) else INF

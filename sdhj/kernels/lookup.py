@@ -32,11 +32,12 @@ from sdhj.kernels.tubes import (
 
 @kernel(**UNCOUNTED)
 def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
-    """Do the look at the true sets for some rows, states (M, ndim) by number, by their tapes, and undo in `out` what
-    they refute; False where they are undefined.
+    """Do the look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
 
-    table : (stored_tubes, lattice). space : (scratch, samples, work), see `samples_for`. when, packs, ahead, out : as
-        for `decide`.
+    rows : the numbers of these in states (M, ndim). The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are
+        looked up for a state of which no input is safe any longer.
+    when, packs, ahead, out : as for `decide`. table : (stored_tubes, lattice). space : (scratch, samples, work), see
+        `samples_for`.
     """
     (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
         when,
@@ -62,12 +63,15 @@ def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
 
 @kernel(**UNCOUNTED)
 def _write_ahead(begin, rows, states, packs, ends, found, work):
-    """Write what inputs lead to from states rows[begin:], and the hulls of their boxes; returns how many nodes these
-    may touch at most, -1 where formulas are undefined.
+    """Write what inputs lead to from the states rows[begin:], and the hulls of their boxes, to `found`.
 
-    rows : the states at hand. packs, ends : as for `decide`. found : near (4 + K, L, ndim, R), which may be `ends` if
-        that is one for all; of it what makes hulls; at (R, ndim), overwritten; hulls (R, 2, ndim). work : see
-        `work_for`.
+    By the tape for it, or from `ends`. Returns how many nodes a hull may touch at most, -1 where formulas are
+    undefined.
+
+    rows : the numbers of the states at hand. begin : how many were done before, the column of the first in `ends`.
+    packs, ends : as for `decide`.
+    found : near (4 + K, L, ndim, R), which may be `ends` if these are one for all; of it what makes hulls; at (R,
+        ndim), scratch; hulls (R, 2, ndim). work : of `work_for`.
     """
     (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -92,9 +96,9 @@ def _write_ahead(begin, rows, states, packs, ends, found, work):
 
 @kernel(**UNCOUNTED)
 def _answer(rows, states, when, packs, stored, ahead, space, out):
-    """Write to `out` the answers for the states with numbers `rows`, of (M, ndim); False where formulas are
-    undefined. space : (scratch, samples, work), see `samples_for`; when, packs, stored, ahead, out : as for
-    `decide`.
+    """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
+
+    when, packs, stored, ahead, out : as for `decide`. space : (scratch, samples, work), see `samples_for`.
     """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)
@@ -112,28 +116,34 @@ def decide(states, rows, when, packs, stored, ahead, out):
 
     Parameters
     ----------
+
     rows : (R,) int64
         Which states, in the order in which they are looked up: neighbours share what the cache holds.
     when : (step, within, steps, game, checks)
-        Inputs are judged by the tube of the fewest steps to go, but of `within`, at least 1, where that is more. game:
-        as in `StoredTubes`. checks: `TUBES`, `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, which begins with what is in `out`.
-    packs, stored : (ints, floats), (index, tubes, marks, static, moving)
-        What is packed (above); of a `StoredTubes`.
+        step: k. within: inputs are judged by the tube of the fewest steps to go, but by that of `within` steps, at
+        least 1, where this is more. steps: N. game: as in `StoredTubes`. checks: `TUBES`, the tubes alone;
+        `TRUE_SETS_TOO`, then the look at the true sets; or `TRUE_SETS_ONLY`, that look alone, which begins with what is
+        in `out`.
+    packs : (ints, floats)
+        What is `packed` of the problem at this step (`sdhj.kernels.tubes` says what).
+    stored : (index, tubes, marks, static, moving)
+        As in `StoredTubes`.
     ahead : (ends (4 + K, L, ndim, 1 or R), scores (M, L), normals (K', ndim) or None)
         ends: what each input can lead to, relative to the state: the lower and the upper corner of a box that, with K
         segments, holds all states at the interval's end; two terms of the path without an adversary, which after a
-        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where there is a tape for
-        it, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least score,
-        of equals that of least depth. normals: of the planes that states end between, where those are in no sum of a
-        box and segments; behind the path then the greatest n . x for each normal n, `ndim` of them in a term.
+        share s of the interval is s ends[2] + s^2 ends[3] away; and half of each segment. Where packs has a tape for
+        these, it is played, and `ends` is not read. scores: which safe input is preferred as `best`: that of least
+        score, of equals that of least depth. normals: those of the planes that states end between, where states are in
+        no sum of a box and segments; behind the path `ends` then has the greatest n . x for each normal n, `ndim` of
+        these in a term.
     out : (to_go (M,), safe (M, L), margins (M, L), best (M,), depths (M, L))
-        To be written. to_go is -1 where no tube holds the state; safe is False, margins and depths inf and best -1
-        there and at the last step. Without a `game`, depths is the array margins.
+        Written in place for the given rows. to_go is -1 where no tube holds the state; safe is False, margins and
+        depths inf and best -1 there and at the last step. Without a `game`, depths is the array margins.
 
     Returns
     -------
     bool
-        Whether all formulas have values wherever they were evaluated; else the answers are worthless.
+        Whether all formulas have values wherever they were evaluated; else what is in `out` is worthless.
     """
     (ends, scores, normals), ints, inputs, ndim, slots = ahead, packs[0], out[1].shape[1], states.shape[1], 1
     count, sets = length(ints, np.int64(CHECK_TIMES)), length(ints, np.int64(AT_UNSAFE + RESULTS))

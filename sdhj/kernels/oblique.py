@@ -10,12 +10,15 @@ ROUNDING = 1e-14
 
 @kernel(nogil=True)
 def draw_lines(low, high, least, most, normals, width, stick, out):
-    """Write the lines of images inside boxes of cells and between planes: out (M, rows, 2) int16, from a cell's own on.
+    """Write the lines of images, which lie inside boxes of cells and between planes, to out (M, rows, 2) int16.
 
-    low, high (M, ndim): the boxes, from a cell's own on; least, most (M, K): how far anything in a cell may get along
-    each of the normals (K, ndim); width (ndim,) of the cells; stick (ndim,): what an image may stick out of its box. A
-    line without cells ends before it begins. Rows are of the axes that a normal has a part along, but the last; those
-    beyond a box are left as they are.
+    The first and the last cell along the last axis, as offsets from a cell's own index; a line without cells ends
+    before it begins. Rows are of the axes that a normal has a part along, but the last; those beyond a box are left as
+    they are.
+
+    low, high (M, ndim) int64 : the boxes, as offsets.
+    least, most (M, K) : how far anything in a cell may get along each of the normals (K, ndim).
+    width (ndim,) : of the cells. stick (ndim,) : what an image may stick out of its box.
     """
     last, many = width.size - 1, normals.shape[0]
     for m in range(low.shape[0]):
@@ -58,7 +61,7 @@ def draw_lines(low, high, least, most, normals, width, stick, out):
 
 @kernel(inline="always")
 def along_one(normals, axis):
-    """Whether some of the normals (K, ndim) has a part along an axis."""
+    """Whether one of the normals (K, ndim) has a part along an axis."""
     for k in range(normals.shape[0]):
         if normals[k, axis] != 0.0:
             return True

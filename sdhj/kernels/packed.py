@@ -22,12 +22,15 @@ BIT = np.uint64(1)
 
 
 class Cells(NamedTuple):
-    """The cells of every axis as arrays of shape (ndim,), and how blocks are packed.
+    """The cells of every axis as arrays of shape (ndim,), and how they are packed into blocks.
 
-    lower, width, length : where the first cell begins, how wide one is, and how long they all are, in the axis's unit;
-        counts, periodic.
-    layers (2, ndim) int64 : 1 where the first or the last cell lies outside the axis, and stands for its end alone.
-    told : whether only points behind a wall, by half a shell, are in its layer: those of which it is known.
+    lower, width, length : where the first cell begins, how wide a cell is, and how long all cells are together, in the
+        axis's unit.
+    counts, periodic : how many cells an axis has, and whether it is periodic.
+    layers : (2, ndim) int64, 1 where the first, or the last, cell is a layer, which lies outside the axis and stands
+        for the wall at its end.
+    told : if True, a point is in a layer only if it lies behind the wall by half a shell, which says that the state is
+        known to be at the wall; if False, a state at the wall is.
     """
 
     lower: FloatArray
@@ -41,14 +44,14 @@ class Cells(NamedTuple):
 
 
 def to_words(bits: FloatArray) -> FloatArray:
-    """Bool (..., n) as packed uint64 (..., ceil(n / 64)), bit b of a word the b-th of its 64 values, 0 behind the n."""
+    """Bits, bool (..., n), packed as uint64 (..., ceil(n / 64)): bit b of word w is number 64 w + b, 0 behind the n."""
     padded = np.zeros((*bits.shape[:-1], -(-bits.shape[-1] // 64) * 64), np.bool_)
     padded[..., : bits.shape[-1]] = bits
     return np.packbits(padded, axis=-1, bitorder="little").view(np.uint64)
 
 
 def to_bits(blocks: FloatArray, count: int) -> FloatArray:
-    """Packed blocks (R, W) uint64 as bool (R, count): their first `count` bits."""
+    """The first `count` bits of packed blocks (R, W) uint64: bool (R, count)."""
     return np.unpackbits(blocks.view(np.uint8), axis=1, count=count, bitorder="little").view(np.bool_)
 
 
@@ -63,7 +66,10 @@ def has_bit(block, bit):
 
 @kernel(inline="always")
 def bits_between(word, start, stop):
-    """A word whose set bits are those of word number `word` that are among the bits start to stop - 1 of a block."""
+    """A mask for word number `word` of a block: its bits that are among the bits start to stop - 1 of the block.
+
+    The word must be one that holds some of these.
+    """
     bits = FULL
     if word == start >> 6:
         bits &= FULL << np.uint64(start & 63)
@@ -90,7 +96,10 @@ def has_bits(block, start, stop):
 
 @kernel(inline="always")
 def shifted_word(block, word, shift):
-    """Word number `word` of the block, moved so that bit b shows bit b + shift (zero beyond the ends)."""
+    """Word number `word` of a block (W,) moved by `shift` bits: its bit b is the block's bit 64 word + b + shift.
+
+    0 beyond the ends of the block; the shift may be negative.
+    """
     source, bit = (word * 64 + shift) >> 6, shift & 63  # floor, also for negative numbers
     shown = np.uint64(0)
     if 0 <= source < block.size:
@@ -143,11 +152,11 @@ def swap_packed(sets, first, middle, last, out):
 
 @kernel(parallel=True)
 def erode_packed(cells, shifts, passes):
-    """AND of shifted copies of every block, one packed axis after the other: a bit stays if those at all shifts are
-    set.
+    """Erode sets by packed axes: a bit of a block stays if the bits at all shifts from it are set, axis after axis.
 
-    cells (R, W) uint64, modified in place. shifts (A, K) int64 : for each packed axis in bits, zero entries are
-    skipped. passes (A, K, W) uint64 : bits whose shifted neighbour lies beyond a wall, they pass.
+    cells (R, W) uint64 : modified in place.
+    shifts (A, K) int64 : for each of A packed axes how many bits away the neighbours are that are needed; 0 is skipped.
+    passes (A, K, W) uint64 : the bits that do not need this neighbour, as it lies beyond a wall or their image.
     """
     rows, words = cells.shape
     for row in prange(rows):
@@ -163,8 +172,9 @@ def erode_packed(cells, shifts, passes):
 
 @kernel(parallel=True)
 def erode_rows(cells, first, number, out):
-    """out[i] = AND of cells[(first[i] + c) % n] for c < number[i], of rows of (n, W) uint64 arrays; first, number
-    (n,).
+    """out[i] = the AND of cells[(first[i] + c) % n] over c < number[i]; cells, out (n, W) uint64, out overwritten.
+
+    first, number (n,) : which rows the i-th needs; number is at least 1.
     """
     n, words = cells.shape
     for row in prange(n):
@@ -179,7 +189,7 @@ def erode_rows(cells, first, number, out):
 
 @kernel(parallel=True)
 def add_certified(cells, first, number, allowed, clear, out):
-    """out |= (AND of cells[a, (first[i] + c) % n] for c < number[i]) & clear, for the row cells (a, i) where `allowed`.
+    """out[a, i] |= clear[a, i] & (the AND of cells[a, (first[i] + c) % n] over c < number[i]), where allowed[a, i].
 
     cells, clear, out (A, n, W) uint64, `out` modified in place; first, number (n,) int64; allowed (A, n) bool.
     """
@@ -212,10 +222,10 @@ def add_certified(cells, first, number, allowed, clear, out):
 
 @kernel(**UNCOUNTED)
 def cells_at(state, cells, slack, found):
-    """Write to `found` (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
+    """Write to found (2^ndim, ndim) the cells within slack (ndim,) of a state (ndim,), each once; returns how many.
 
-    None off a bounded axis, or `MOST_LAPS` of a periodic one away. Cells outside an axis count where a state is known
-    to be at its wall (`Cells.told`).
+    0 for a state that is off a bounded axis, or more than `MOST_LAPS` laps of a periodic one away. `Cells.told` says
+    which points are in a layer.
     """
     held = 1
     for axis in range(state.size):
@@ -254,7 +264,7 @@ def cells_at(state, cells, slack, found):
 
 @kernel(inline="always")
 def row_and_bit(cell, cells):
-    """The number of a cell's block, by the first `rows` axes of `cells` (`Cells`), and of its bit there."""
+    """(row, bit): the number of the block of a cell (ndim,), by its first `cells.rows` axes, and of its bit there."""
     row, bit = 0, 0
     for axis in range(cell.size):
         if axis < cells.rows:
@@ -266,12 +276,12 @@ def row_and_bit(cell, cells):
 
 @kernel(nogil=True)
 def fewest_steps(states, cells, slack, index, pool, out):
-    """out[m] = the number of the first of nested sets with a certified cell of `cells` (`Cells`) within slack (ndim,)
-    of states[m], (M, ndim).
+    """out[m] = the number of the first of n nested sets with a cell within slack (ndim,) of states[m], n for none.
 
-    index (n, R), pool (B, W) : the numbers of the blocks of each row of the n sets, each inside the next, and the
-    blocks
-    out (M,) int64 : 0 to n - 1, or n where none holds the state. Overwritten.
+    states (M, ndim). out (M,) int64, overwritten.
+
+    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, and the
+        blocks.
     """
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
     for m in range(states.shape[0]):
@@ -290,10 +300,10 @@ def fewest_steps(states, cells, slack, index, pool, out):
 
 @kernel(nogil=True)
 def held_in_boxes(first, last, cells, index, pool, out):
-    """Whether all, and whether any, of the cells from first[m] to last[m], both (M, ndim) and included, are in a set:
-    out (2, M) bool, overwritten.
+    """Whether all, and whether any, of the cells from first[m] to last[m], included, are in a set: out (2, M) bool.
 
-    index (R,), pool (B, W) : the numbers of the set's blocks, and the blocks.
+    first, last (M, ndim) : indices on the axes, first <= last. out is overwritten.
+    index (R,), pool (B, W) : the numbers of the blocks of the set's rows, and the blocks.
     """
     for m in range(first.shape[0]):
         cell, more = first[m].copy(), True

@@ -15,9 +15,10 @@ from sdhj.kernels.compiling import kernel
 
 @kernel(nogil=True)
 def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosure):
-    """Write to `ends` where boxes that began at `start` are, start + moved, and to `enclosure` a guess of what
-    they sweep next: ends and 1.2 times as much outward as in the piece `before`, and the shell; at `start` on
-    shift_invariant axes. All (2, M, ndim).
+    """Write to `ends` where boxes are, start + moved, and to `enclosure` a guess of what they sweep in the next piece.
+
+    All (2, M, ndim). The guess is the ends, moved outward by 1.2 times as much as in the piece `before`, and by the
+    shell. On shift-invariant axes both are `start`.
     """
     for side in range(2):
         way = 2.0 * side - 1.0
@@ -35,9 +36,10 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
 
 @kernel(nogil=True)
 def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
-    """Write to `out` what boxes `ends` sweep within h s at velocities that hold in `enclosure`, with a quarter of
-    the shell: from ends to ends + h velocity; on shift_invariant axes the ends. Returns whether all stay inside
-    the enclosure, so that it was right. All (2, M, ndim).
+    """Write to `out` what boxes `ends` sweep within h, s, and return whether all of it stays inside `enclosure`.
+
+    All (2, M, ndim). From ends to ends + h velocity, and a quarter of the shell more; on shift-invariant axes the ends.
+    If it stays inside, the velocities, which hold in the enclosure, were right.
     """
     inside = True
     for side in range(2):
@@ -55,8 +57,10 @@ def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
 
 @kernel(nogil=True)
 def narrow_to_face(ends, velocity, h, side, axis, shell, box):
-    """Narrow `box` along an axis to where, within h s, the state can be the first (side 0) or the last (1) of
-    all: ends[side] + h [min(velocity, 0), max(velocity, 0)], with an eighth of the shell (a number). In place.
+    """Narrow `box` along an axis to where the state that is first, or last, of all can be within h, s; in place.
+
+    side : 0, the first, or 1, the last. The range is ends[side] + h [min(velocity, 0), max(velocity, 0)], and an eighth
+        of `shell`, a number, more.
     """
     for m in range(ends.shape[1]):
         end, least, most = ends[side, m, axis], velocity[0, m, axis], velocity[1, m, axis]
@@ -66,7 +70,7 @@ def narrow_to_face(ends, velocity, h, side, axis, shell, box):
 
 @kernel(nogil=True)
 def move_on(moved, velocity, h):
-    """moved += h velocity, rounded outward; exactly nothing where an end stands still. In place."""
+    """moved += h velocity, rounded outward, in place; both (2, M, ndim). Where the velocity is 0, nothing is added."""
     for side in range(2):
         way = 2.0 * side - 1.0
         for m in range(moved.shape[1]):
@@ -79,8 +83,9 @@ def move_on(moved, velocity, h):
 
 @kernel(nogil=True)
 def hold_back(start, moved, shift_invariant, walls):
-    """Clip start + moved at the walls (2, ndim) of the axes that are not shift_invariant, rounded outward;
-    `moved` in place.
+    """Clip `moved` in place so that start + moved ends at walls, rounded outward; both (2, M, ndim).
+
+    walls (2, ndim) : lower and upper ones, infinite where there are none. Shift-invariant axes are left as they are.
     """
     for side in range(2):
         for m in range(start.shape[1]):
@@ -96,11 +101,11 @@ def hold_back(start, moved, shift_invariant, walls):
 
 @kernel(nogil=True)
 def cut_boxes(low, high, ends, periodic, out, rows):
-    """Cut boxes from low to high, (M, d) each, at the ends (2, d) of axes, and where a periodic one closes; returns how
-    many pieces there are.
+    """Cut boxes at the ends of bounded axes and where a periodic one closes; returns how many pieces there are.
 
-    out (2, M * 2^periodic, d), rows (M * 2^periodic,): the pieces, those of a box one behind the other, and of which
-    box each is. Overwritten.
+    low, high (M, d) : the boxes. ends (2, d), periodic (d,) : of the axes.
+    out (2, M * 2^p, d), rows (M * 2^p,) : overwritten with the pieces, those of a box one after the other, and with the
+        box that each is of, where p axes are periodic.
     """
     count = 0
     for m in range(low.shape[0]):

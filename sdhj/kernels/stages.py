@@ -29,7 +29,7 @@ class Layout(NamedTuple):
     """How a grid function lies in memory: planes of the last two axes (one row, for one axis alone), with ghost nodes.
 
     A plane is flat: rows + 2 top padded rows of `width` = nodes + 2 ghosts values. The kernels run over `chunks` runs
-    of whole rows of it, ghost nodes in between included, because one long loop is faster than many short ones; the
+    of whole rows of a plane, ghost nodes in between included, because one long loop is faster than many short ones; the
     ghost nodes are set afterwards.
     """
 
@@ -47,7 +47,7 @@ class Layout(NamedTuple):
 
 @_inlined
 def _smaller(a, b):
-    """Of two numbers that of smaller magnitude; b where they are equal."""
+    """Of two numbers the one of smaller magnitude; b where magnitudes are equal."""
     return a if abs(a) < abs(b) else b  # a tie goes to b, the inner difference: mirror images stay mirror images
 
 
@@ -60,16 +60,18 @@ def _larger(a, b):
 # Upwind differences: dx p- and dx p+ from the value at a node and those 1, 2 and 3 nodes to the left and right of it.
 @_inlined
 def first_order(c, left, right):
-    """dx p- = phi_i - phi_{i-1} and dx p+ = phi_{i+1} - phi_i, from c = phi_i and the three values to its left
-    and to its right.
+    """(dx p-, dx p+), the first differences: phi_i - phi_{i-1} and phi_{i+1} - phi_i.
+
+    c : phi_i. left, right : the three values to its left, and to its right, the nearest first.
     """
     return c - left[0], right[0] - c
 
 
 @_inlined
 def second_order(c, left, right):
-    """dx p- and dx p+: the first differences, each corrected by half the smaller of the second differences at its
-    two nodes. Arguments as for `first_order`.
+    """(dx p-, dx p+): the first differences, each corrected by half the smaller of the second differences at its nodes.
+
+    Arguments as for `first_order`.
     """
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
@@ -79,9 +81,10 @@ def second_order(c, left, right):
 
 @_inlined
 def third_order(c, left, right):
-    """dx p- and dx p+: the slope of the parabola through the node and two on one side, or one on each, whichever
-    bends less, corrected by the smaller of two third differences (ENO, Osher & Shu 1991). Arguments as for
-    `first_order`.
+    """(dx p-, dx p+): slopes of parabolas, corrected by a third difference (ENO, Osher & Shu 1991).
+
+    The parabola is the one that bends less of two, through the node and two on one side or one on each. The correction
+    is by the smaller of two third differences. Arguments as for `first_order`.
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
@@ -100,8 +103,10 @@ def third_order(c, left, right):
 # Numerical Hamiltonians of one axis, H(p) = max(low p, high p) with low <= high, given p- and p+.
 @_inlined
 def godunov(minus, plus, low, high):
-    """Godunov's numerical Hamiltonian of one axis, from minus = p- and plus = p+: max(low p, high p), each
-    velocity with its upwind difference, and at least 0 where low < 0 < high, as standing still is allowed then.
+    """Godunov's numerical Hamiltonian of one axis: max(low p, high p), each velocity with its upwind difference.
+
+    At least 0 where low < 0 < high, as standing still is allowed then. minus, plus : p- and p+. low, high : the least
+    and the greatest velocity.
     """
     zero = type(low)(0.0)
     best = _larger(low * (plus if low > zero else minus), high * (plus if high > zero else minus))
@@ -110,8 +115,9 @@ def godunov(minus, plus, low, high):
 
 @_inlined
 def lax_friedrichs(minus, plus, low, high):
-    """Lax-Friedrichs's numerical Hamiltonian of one axis, from minus = p- and plus = p+: H((p- + p+) / 2) +
-    max(|low|, |high|) (p+ - p-) / 2, just enough dissipation.
+    """Lax-Friedrichs's numerical Hamiltonian of one axis: H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2.
+
+    H(p) = max(low p, high p); the dissipation is just enough. Arguments as for `godunov`.
     """
     half = type(low)(0.5)
     mean = half * (minus + plus)
@@ -126,12 +132,13 @@ _differences, _hamiltonian = chosen(DIFFERENCES), chosen(HAMILTONIANS)
 
 @_inlined
 def _runs_of_axes(rest, near, start, first, velocities):
-    """A tuple with, for each axis, the begins of the three runs to its left and of the three to its right, and its
-    `_velocity`; `rest` has as many entries as axes are still to come.
+    """For each axis a tuple of where the three runs to its left and the three to its right begin, and its `_velocity`.
 
-    near : `Layout.near` of the plane; start : where the run begins in it; first : where it begins in the array.
-        velocities : as for `stage`, of one input. Read before the loop and kept in registers: for all the compiler
-        knows, the loop may write over any array.
+    Computed before the loop and kept in registers: for all the compiler knows, the loop may write to any array.
+
+    rest : a tuple with as many entries as axes are still to come.
+    near : `Layout.near` of the plane. start : where the run begins in the plane; first : where in the array.
+    velocities : as for `stage`, of one input.
     """
     if len(rest) == 0:
         return ()
@@ -145,8 +152,12 @@ def _runs_of_axes(rest, near, start, first, velocities):
 
 @_inlined
 def _velocity(velocities, axis, ndim, first):
-    """The lower and upper velocity of an axis of ndim, divided by dx; or, where they depend on the state, where
-    those at the node `first` stand in the box, and 1 / dx. velocities : as for `stage`, of one input.
+    """(low, high), the velocities of an axis divided by dx; or where they are in the box, and 1 / dx.
+
+    In the second case, of velocities that depend on the state, (i, k, 1 / dx): the places in the flat box of both
+    velocities at the node `first`.
+
+    ndim : the number of axes. velocities : as for `stage`, of one input.
     """
     box = velocities[0]
     if len(velocities) == 1:
@@ -158,8 +169,10 @@ def _velocity(velocities, axis, ndim, first):
 
 @_inlined
 def _upwind(phi, axis, box, order, c, i):
-    """p-, p+ and the lower and upper velocity of one axis at node i of a run, where phi, a flat array, is c;
-    `axis` is its entry of `_runs_of_axes`, box : the velocities, order : of differences.
+    """(p-, p+, low, high) of one axis at node i of a run, the last two being the lower and the upper velocity.
+
+    Where p-, p+ are differences that are not divided by dx, velocities are. phi : flat; c : its value at the node. axis
+    : the axis's entry of `_runs_of_axes`. box : the velocities, flat. order : a `choice` of differences.
     """
     (l1, l2, l3), (r1, r2, r3), velocity = axis
     left, right = (phi[l1 + i], phi[l2 + i], phi[l3 + i]), (phi[r1 + i], phi[r2 + i], phi[r3 + i])
@@ -168,8 +181,10 @@ def _upwind(phi, axis, box, order, c, i):
 
 @_inlined
 def _scaled(minus, plus, velocity, box, i):
-    """p-, p+ and the lower and upper velocity of an axis at node i: the differences `minus` and `plus` times 1 /
-    dx, unless velocities have it. velocity : of `_velocity`, which says where in the box they are.
+    """(p-, p+, low, high) of an axis at node i: the differences times 1 / dx, unless velocities have it.
+
+    minus, plus : the differences, not divided by dx. velocity : of `_velocity`, which says where in the flat box low
+        and high are.
     """
     if len(velocity) == 2:  # constants, which have been divided by dx
         return minus, plus, velocity[0], velocity[1]
@@ -179,8 +194,9 @@ def _scaled(minus, plus, velocity, box, i):
 
 @_inlined
 def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
-    """`total` plus the numerical Hamiltonians of the axes at node i, where phi is c, one after the other; axes:
-    what is left of `_runs_of_axes`; box: the velocities; scheme: (order, flux).
+    """`total` plus the numerical Hamiltonians of axes at node i, where phi is c, added one after the other.
+
+    axes : the rest of what `_runs_of_axes` returns. box : the velocities, flat. scheme : (order, flux), choices.
     """
     if len(axes) == 0:
         return total
@@ -191,8 +207,10 @@ def _sum_hamiltonians(axes, total, phi, box, scheme, c, i):
 
 @_inlined
 def _dot(rest, total, p, field, at, stride, i):
-    """`total` plus sum over axes of p[axis, i] field[axis] at node i; `rest` has as many entries as axes are to
-    come, the field's first stands at `at`, the next `stride` on.
+    """`total` plus the sum over axes of p[axis, i] * field[axis] at node i.
+
+    rest : a tuple with as many entries as axes are still to come. p (ndim, n) : mean differences.
+    field : flat; the first of its entries for these axes stands at `at`, each next one `stride` on.
     """
     if len(rest) == 0:
         return total
@@ -202,17 +220,18 @@ def _dot(rest, total, p, field, at, stride, i):
 
 @_inlined
 def _kept(keep, old):
-    """keep * old, and 0 where keep is 0: what was there need not even be a number."""
+    """keep * old, but 0 where keep is 0: what was there need not even be a number."""
     return keep * (old if keep > 0 else keep)
 
 
 @kernel(**UNCOUNTED)
 def _advance_box(out, phi, here, count, axes, box, scheme, step):
-    """One stage at `count` nodes from `here` on, everything in one loop, in place: out = keep out + (1 - keep) (phi +
-    dt H), H the sum of the axes' numerical Hamiltonians; arrays are flat.
+    """One stage at `count` nodes from `here` on, in one loop and in place; all arrays are flat.
 
-    axes : of `_runs_of_axes`; box : the velocities; scheme : (order, flux); step : (dt, keep). Indices are unsigned:
-        the compiler then need not wonder whether they are negative, and vectorises.
+    out = keep out + (1 - keep) (phi + dt H), H the sum of the axes' numerical Hamiltonians.
+
+    axes : of `_runs_of_axes`. box : the velocities. scheme : (order, flux), choices. step : (dt, keep). Indices are
+        unsigned: the compiler then need not wonder whether they are negative, and vectorises.
     """
     dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
@@ -226,8 +245,10 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
 
 @kernel(**UNCOUNTED)
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
-    """mean = (p- + p+) / 2 along one axis at the nodes from `here` on, and rhs += max(|low|, |high|) (p+ - p-) /
-    2, the Lax-Friedrichs dissipation; both (count,), in place. Other arguments as for `_upwind`.
+    """mean = (p- + p+) / 2 along one axis, and rhs += max(|low|, |high|) (p+ - p-) / 2, at the nodes from `here` on.
+
+    mean, rhs (count,) : written in place; the second is the Lax-Friedrichs dissipation. Other arguments as for
+        `_upwind`.
     """
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
@@ -239,15 +260,17 @@ def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
 
 @kernel(**UNCOUNTED)
 def raise_to(out, bound):
-    """out[i] = max(out[i], bound[i]), in place; (n,) each."""
+    """out[i] = max(out[i], bound[i]), in place; out, bound (n,)."""
     for i in range(out.size):
         out[i] = _larger(out[i], bound[i])
 
 
 @kernel()
 def _raise_to_mode(best, p, axes, drift, gain, first):
-    """best = max(best, p . drift + sum_d |p . gain_d|) at the nodes from `first` on, in place; drift (ndim,
-    nodes), gain (ndim, D, nodes), or of one plane for all. axes : a tuple of ndim entries.
+    """best = max(best, p . drift + sum_d |p . gain_d|) for one mode, at the nodes from `first` on, in place.
+
+    best (count,), p (ndim, count) : mean differences. drift (ndim, nodes), gain (ndim, D, nodes) : at all nodes, or of
+        one plane for all. axes : a tuple of ndim entries.
     """
     value, zero, size = np.empty_like(best), best.dtype.type(0.0), drift.shape[1]
     at, stride, flat = np.uint64(first % size), np.uint64(size), drift.ravel()
@@ -265,11 +288,13 @@ def _raise_to_mode(best, p, axes, drift, gain, first):
 
 @kernel()
 def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
-    """One stage at `count` nodes from `here` on for coupled velocities, in place: out = keep out + (1 - keep) (phi + dt
-    (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at the mean differences p.
+    """One stage at `count` nodes from `here` on for coupled velocities, in place; arrays are flat.
 
-    Loop by loop: there are too many velocities for the registers. axes, order, step : as for `_advance_box`; velocities
-    : (box, inverse, drift, gain), as for `stage`.
+    out = keep out + (1 - keep) (phi + dt (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at
+    the mean differences p. In several loops: there are too many velocities for the registers.
+
+    axes, step : as for `_advance_box`. order : a choice of differences. velocities : (box, inverse, drift, gain), as
+        for `stage`, of one input.
     """
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]
@@ -285,8 +310,9 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
 
 @kernel(**UNCOUNTED)
 def _fill_ghosts(plane, layout, begin, end):
-    """Set the ghost nodes of rows begin:end (counted without ghost rows) of a flat plane as `layout` has it, and
-    the ghost rows that are copies of these. In place.
+    """Set the ghost nodes of rows begin:end of a flat plane, and the ghost rows that copy these rows, in place.
+
+    Rows are counted without ghost rows. layout : the `Layout`.
     """
     n, g, width = layout.nodes, layout.ghosts, layout.width
     for row in range(begin + layout.top, end + layout.top):
@@ -304,8 +330,10 @@ def _fill_ghosts(plane, layout, begin, end):
 
 @kernel()  # where references are not counted, neither are those of what is called, and `_advance_coupled` allocates
 def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
-    """One thread's share of `stage` for one input, written to `out`: of all planes and chunks of the layout,
-    share number share[0] of share[1]. scheme : (order, flux); the others as for `stage`.
+    """One thread's share of `stage` for one input, written to `out`: share number share[0] of share[1].
+
+    The pieces shared are the chunks of all planes of the layout; ghost nodes are set. scheme : (order, flux), choices;
+    the other arguments as for `stage`, of one input.
     """
     flat, ahead, least = phi.ravel(), out.ravel(), obstacle.ravel()
     size, tasks = (layout.rows + 2 * layout.top) * layout.width, layout.planes.size * layout.chunks
@@ -327,7 +355,7 @@ def _stage_share(phi, out, obstacle, velocities, scheme, layout, step, share):
 
 @_inlined
 def _of_input(velocities, j):
-    """The velocities of input j alone, a tuple of the form that `stage` takes, without the leading axis."""
+    """The velocities of input j alone: a tuple of the form that `stage` takes, without the leading axis."""
     if len(velocities) == 1:
         return (velocities[0][j],)
     if len(velocities) == 2:
@@ -337,21 +365,24 @@ def _of_input(velocities, j):
 
 @kernel(parallel=True, least=FEW)
 def stage(phi, out, obstacle, velocities, order, flux, layout, step):
-    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), and at least
-    `obstacle`.
+    """One Runge-Kutta stage of each input: out = keep * out + (1 - keep) * (phi + dt H(D phi)), raised to `obstacle`.
 
-    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid; `out` is modified
-        in place, ghost nodes included.
-    obstacle : the obstacle function of all of them, likewise, or (0,) for none.
-    velocities : as many as there are say what they are when this is compiled:
-        (box,): the lower velocities of all axes and the upper ones, divided by dx;
-        (box, inverse): the same, each at all nodes as `phi` has them, all in a row; and 1 / dx of all axes;
-        (box, inverse, drift, gain): coupled ones, (modes, ndim, nodes) and (modes, ndim, D, nodes), by Lax-Friedrichs:
-        H = max over modes of p . drift + sum_d |p . gain_d|, the box gives the dissipation.
-        Any of the three has one plane instead of all where it does not depend on the state. All but `inverse` have a
-        leading axis for the inputs.
-    order, flux : choices of `DIFFERENCES` and `HAMILTONIANS`.
-    step : dt and keep.
+    Ghost nodes of `out` are set as well; `out` is modified in place. Where keep is 0, what was in `out` does not
+    matter.
+
+    phi, out : for each input values as `Layout` has them, an axis of the array for each of the grid.
+    obstacle : the obstacle function, for all inputs, likewise; or (0,) for none.
+    velocities : a tuple, whose length says what is in it when this is compiled.
+        (box,): the lower velocities of all axes, then the upper ones, divided by dx.
+        (box, inverse): the same, not divided, each at all nodes as `phi` has them, all in a row; and 1 / dx of all
+        axes.
+        (box, inverse, drift, gain): coupled velocities, (modes, ndim, nodes) and (modes, ndim, D, nodes),
+        by Lax-Friedrichs: H = max over modes of p . drift + sum_d |p . gain_d|; the box gives the dissipation.
+        Any of them has one plane instead of all where it does not depend on the state. All but `inverse` have a leading
+        axis for the inputs.
+    order, flux : choices (`choice`) of `DIFFERENCES` and of `HAMILTONIANS`.
+    layout : the `Layout`.
+    step : (dt, keep).
     """
     blocks = min(layout.planes.size * layout.chunks, BLOCKS)
     for task in prange(phi.shape[0] * blocks):

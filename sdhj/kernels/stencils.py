@@ -17,14 +17,18 @@ from sdhj.kernels.packed import BIT, bits_between, has_bit, has_bits, row_and_bi
 
 
 class Moves(NamedTuple):
-    """The cells that everything a cell can lead to lies in: low, high (L, places, ndim) int16, from its own on.
+    """Where each input leads the cells at each place: low, high (L, places, ndim) int16, offsets in cells.
 
-    strides (ndim,) int64: a cell is at the place sum(cell * strides). safe (2, ndim): the safe ends, infinite where
-    there are none: of what is past one by a cell or more, and so by more than rounding, no cell is asked for.
+    From a cell's own index to the first and the last cell of its image.
 
-    Where images are oblique (`sdhj.certified.oblique`), lines (L, places, rows, 2) int16: the first and the last cell
-    along the last axis, from a cell's own on, of each row of the box on some `oblique` (ndim,) axes; halo (2, ndim):
-    cells with fewer cells before or behind them have boxes. Else lines are of no inputs.
+    strides : (ndim,) int64; a cell is at the place sum(cell * strides).
+    safe : (2, ndim), the safe ends, infinite where there are none. Of what is past one by a cell or more, and so by
+        more than rounding, no cell is asked for.
+    lines : (L, places, rows, 2) int16, where images are oblique (`sdhj.certified.oblique`): the first and the last cell
+        along the last axis, as offsets, of each row of the box over the axes that are `oblique`. Else of length 0.
+    oblique : (ndim,) bool.
+    halo : (2, ndim) int64; a cell with fewer cells than this before it, or behind it, on some axis has a box in place
+        of lines.
     """
 
     low: FloatArray
@@ -37,13 +41,16 @@ class Moves(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes of equal size on the axes that an unsafe set depends on, and how many of them may meet it.
+    """Boxes of equal size on the axes of an unsafe set, and how many of them may meet the set.
 
-    axes, sizes (d,); lower, pitch, length (d,) in the axes' units; periodic (d,). A periodic axis has two laps. narrow
-    (d,): what a tube may stick out of the boxes that it is looked up in, which were wider by more; one that is narrower
-    than twice that is looked up in the box around its lower end and `narrow`, which reaches to both of its ends. sums
-    (parts, prod(sizes + 1)) int32: the number of boxes that may meet the set below each corner, in each part of the
-    interval, or one for all.
+    axes, sizes : (d,), the axes, and how many boxes there are along each; on a periodic axis those of two laps.
+    lower, pitch, length : (d,), where boxes begin, how long one is, and how long the axis is, in its unit.
+    periodic : (d,) bool.
+    narrow : (d,), what a tube may stick out of the boxes that it is looked up in, as these were made wider by more. A
+        tube that is narrower than twice that is looked up in the box around its lower end plus `narrow`, which reaches
+        to both of its ends.
+    sums : (parts, prod(sizes + 1)) int32, the number of boxes that may meet the set below each corner: for each part of
+        the interval, and for all parts together, last; or one for all.
     """
 
     axes: FloatArray
@@ -58,9 +65,7 @@ class Boxes(NamedTuple):
 
 @kernel(inline="always")
 def cell_of(number, counts, cell):
-    """Write to cell (ndim,) the indices of the cell whose flat number, last axis fastest, is `number`; counts
-    (ndim,).
-    """
+    """Write to cell (ndim,) the indices of the cell with a flat number, the last axis fastest; counts (ndim,)."""
     for back in range(counts.size):
         axis = counts.size - 1 - back
         cell[axis] = number % counts[axis]
@@ -69,8 +74,9 @@ def cell_of(number, counts, cell):
 
 @kernel(**UNCOUNTED)
 def step_on(at, number, axes):
-    """Move `at` from one place of a box, at[axis] < number[axis] for so many axes, to the next, the last axis
-    fastest; after the last one to the first. In place.
+    """Move at (axes,) to the next point of a box, 0 <= at[axis] < number[axis], the last axis fastest; in place.
+
+    After the last point comes the first.
     """
     axis = axes - 1
     while axis >= 0:
@@ -83,11 +89,12 @@ def step_on(at, number, axes):
 
 @kernel(**UNCOUNTED)
 def box_of_image(cell, low, high, safe, cells, axes, box):
-    """Write to box (3, ndim) the first cell, the number of cells, and a begin of 0, of the image cell + low to cell +
-    high on the first `axes` axes; returns how many rows these are.
+    """Write to box (3, ndim) the image cell + low to cell + high on the first `axes` axes; returns its rows.
 
-    Rows are of all axes but the last. On a bounded axis the image is clipped at the ends. It is 0 where the image is
-    past a safe end (2, ndim), see `Moves`.
+    box : overwritten with the first cell, the number of cells, and zeros, from which `step_on` may begin. On a bounded
+        axis the image is clipped at the ends, on a periodic one it goes around once at most. Returned is the number of
+        rows, over all axes but the last; 0 where the image is past a safe end.
+    cell, low, high (ndim,). safe (2, ndim) : as in `Moves`. cells : the `Cells`.
     """
     first, number, at, total = box[0], box[1], box[2], 1
     for axis in range(axes):
@@ -107,7 +114,10 @@ def box_of_image(cell, low, high, safe, cells, axes, box):
 
 @kernel(inline="always")
 def row_of_box(box, cells):
-    """The number of the row of cells that the begin of a box (`box_of_image`) stands at."""
+    """The number of the row of cells at which a box stands: at its first cell + box[2], taken around periodic axes.
+
+    box (3, ndim) : of `box_of_image`, moved by `step_on`.
+    """
     row = 0
     for axis in range(cells.counts.size - 1):
         count, place = cells.counts[axis], box[0, axis] + box[2, axis]
@@ -117,17 +127,18 @@ def row_of_box(box, cells):
 
 @kernel(**UNCOUNTED)
 def image_inside(cell, low, high, safe, cells, index, pool, scratch):
-    """Whether all cells from cell + low to cell + high are in a set with rows pool[index]; scratch (3, ndim).
+    """Whether all cells from cell + low to cell + high are in a set, whose rows are the blocks pool[index].
 
-    safe (2, ndim): see `Moves`. True where the image is past a safe end.
+    True where the image is past a safe end. safe (2, ndim) : as in `Moves`. scratch (3, ndim) int64 : overwritten.
     """
     return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, scratch), cells, index, pool, scratch)
 
 
 @kernel(**UNCOUNTED)
 def rows_inside(total, cells, index, pool, scratch):
-    """Whether all cells of the box in `scratch`, as `box_of_image` left it, with `total` rows, are in a set with
-    rows pool[index]; its begin is overwritten.
+    """Whether all cells of a box with `total` rows are in a set, whose rows are the blocks pool[index].
+
+    scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
     """
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
@@ -147,8 +158,9 @@ def rows_inside(total, cells, index, pool, scratch):
 
 @kernel(**UNCOUNTED)
 def has_lines(cell, moves, cells, axes):
-    """Whether the image of a cell is lines of `moves` (`Moves`): there are some, and the cell is at least `halo`
-    cells from the ends of the first `axes` axes.
+    """Whether the image of a cell is lines: there are some, and the cell is `halo` cells from the ends of axes.
+
+    moves : the `Moves`. axes : how many axes count, the first ones.
     """
     for axis in range(axes if moves.lines.shape[0] > 0 else 0):
         # obligation 3.20
@@ -159,8 +171,9 @@ def has_lines(cell, moves, cells, axes):
 
 @kernel(inline="always")
 def line_of_box(box, oblique):
-    """The number of the line of `Moves` that the begin of a box (`box_of_image`) stands at, by the axes that are
-    oblique.
+    """The number of the line of `Moves` at which a box (3, ndim) stands, over the oblique axes but the last.
+
+    box : of `box_of_image`, moved by `step_on`. oblique (ndim,) bool.
     """
     line = 0
     for axis in range(oblique.size - 1):
@@ -171,8 +184,10 @@ def line_of_box(box, oblique):
 
 @kernel(**UNCOUNTED)
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
-    """Whether the image of a cell at a place under move j of `moves` (`Moves`), a box or lines, is in a set with
-    rows pool[index]; scratch (3, ndim) as for `image_inside`.
+    """Whether the image of a cell under move j, a box or lines, is in a set, whose rows are the blocks pool[index].
+
+    place : the number of the cell's place. moves : the `Moves`. scratch (3, ndim) int64 : overwritten. True where the
+        image is past a safe end.
     """
     last = cell.size - 1
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
@@ -200,8 +215,9 @@ def move_inside(cell, j, place, moves, cells, index, pool, scratch):
 
 @kernel(inline="always")
 def runs_of_ones(block, begin, length):
-    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are all set, 1 <=
-    length <= 64.
+    """A word whose bit b is set where the bits begin + b to begin + b + length - 1 of a block are all set.
+
+    1 <= length <= 64; beyond the ends of the block bits count as 0.
     """
     low, high, run = shifted_word(block, 0, begin), shifted_word(block, 0, begin + 64), 1
     while run < length:  # obligation 3.5
@@ -214,8 +230,9 @@ def runs_of_ones(block, begin, length):
 
 @kernel(inline="always")
 def runs(block, begin, length):
-    """A word whose bit b is set where bits begin + b to begin + b + length - 1 of a block are all set, of any
-    length; all ones where that is 0 or less.
+    """A word whose bit b is set where the bits begin + b to begin + b + length - 1 of a block are all set.
+
+    Of any length; all ones where the length is 0 or less. Beyond the ends of the block bits count as 0.
     """
     out = ~np.uint64(0)
     for at in range(0, length, 64):
@@ -225,11 +242,14 @@ def runs(block, begin, length):
 
 @kernel(**UNCOUNTED)
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
-    """Write to found (L,) uint64, a bit for each, which of the 64 cells of word number `word` have their image under
-    each move in a set; returns the OR of these.
+    """Which of the 64 cells of word number `word` have their image under each move in a set: found (L,) uint64.
 
-    cell (ndim,), of all but the last axis, and the place of all these cells. extended (R, margin + W + margin): the
-    rows of the set with what comes before and behind them on the last axis, in words. scratch (3, ndim): overwritten.
+    A bit for each cell, overwritten; returns the OR of all of `found`.
+
+    cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
+    extended (R, margin + W + margin) : the rows of the set, with what comes before and behind them along the last axis,
+        in words.
+    scratch (3, ndim) int64 : overwritten.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
     start = 32 * (extended.shape[1] - ((count + 63) >> 6)) + 64 * word  # half of what is more is before
@@ -258,12 +278,14 @@ def images_inside(word, cell, place, moves, cells, extended, scratch, found):
 
 @kernel(parallel=True)
 def grow(near, inside, following, clear, moves, groups, cells, keep):
-    """Of the cells in words that are `near`, add those that a move of each group leads into `following`; keep: of those
-    in `inside`, keep only such.
+    """Add to a set the cells that moves lead into `following`; for `keep`, keep only such cells of it. In place.
 
-    near (R, W) bool: the words; inside, following (R, W): the sets, `inside` modified in place. The moves are `groups`
-    of one length; of one group of all, clear (cells, bytes) has those that are safe from each cell, otherwise it is (0,
-    0). Where all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
+    Only cells in words that are `near` are looked at. A cell needs a clear move of every group.
+
+    near (R, W) bool : the words. inside, following (R, W) uint64 : the two sets; `inside` is modified in place. Where
+        all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
+    moves, groups : the `Moves`, which fall into `groups` groups of one length, one after the other.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -276,8 +298,12 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 
 @kernel(**UNCOUNTED)
 def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
-    """`grow` for one row; sets: (near (W,), inside (W,)) of it, in place, (index, pool) as for `image_inside`;
-    scratch: (4, ndim) int64, and (L,) uint64 where the pool is extended; the others as for `grow`.
+    """`grow` for one row, number `row`.
+
+    sets : (near (W,), inside (W,), index, pool), the row's words, `inside` modified in place, and `following` as for
+        `image_inside`.
+    scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended, else of length 0; overwritten. The other
+        arguments are those of `grow`.
     """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
     last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
@@ -315,10 +341,10 @@ def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
 
 @kernel(parallel=True)
 def add_marked(inside, clear, marks, strides, counts):
-    """Add to a set, in place, the cells with a bit in both clear[cell] and marks[site], (cells, bytes) and (sites,
-    bytes).
+    """Add to a set, in place, the cells for which clear[cell] and marks[site] have a bit in common.
 
-    inside (R, W): the set; a cell is at the site sum(cell * strides), strides and counts (ndim,).
+    inside (R, W) uint64 : the set. clear (cells, bytes), marks (sites, bytes) uint8.
+    strides, counts (ndim,) : a cell is at the site sum(cell * strides); the numbers of cells.
     """
     last = counts[counts.size - 1]
     for i in prange(inside.shape[0]):
@@ -336,11 +362,13 @@ def add_marked(inside, clear, marks, strides, counts):
 
 @kernel(**UNCOUNTED)
 def reached_words(rows, changed, far, cells, out, scratch, hit):
-    """Mark in out (R, W) bool the words with cells whose images under some input may hold cells that changed: words are
-    set to True, none to False.
+    """Set to True in out (R, W) the words with cells whose image under some input may hold a cell that has changed.
 
-    changed (n, W): not 0 in the words of some rows (n,) that have such cells. far (inputs, 2, ndim): how far each input
-    leads from any place, first and last. scratch (4, ndim - 1) int64, hit (W,) bool.
+    No word is set to False.
+
+    rows (n,), changed (n, W) : the rows with changes, and their words, which are not 0 where cells have changed.
+    far (inputs, 2, ndim) : the first and the last cell that each input leads to from any place, as offsets.
+    scratch (4, ndim - 1) int64, hit (W,) bool : overwritten.
     """
     (cell, begin, number, at), last, words = (
         (scratch[0], scratch[1], scratch[2], scratch[3]),
@@ -380,8 +408,10 @@ def reached_words(rows, changed, far, cells, out, scratch, hit):
 
 @kernel(inline="always")
 def predecessors_along(first, last, far, count, periodic):
-    """The first and the last cell of an axis of `count` cells from which an image, far[0] to far[1] cells on, may
-    hold one of the cells first to last; on a periodic axis unwrapped.
+    """(begin, end): the first and the last cell of an axis whose image may hold one of the cells first to last.
+
+    The image of a cell is from far[0] to far[1] cells on, on an axis of `count` cells. Clipped on a bounded axis, whose
+    end cells are in every image that was clipped; not taken around on a periodic one.
     """
     begin, end = first - far[1], last - far[0]  # obligation 3.8
     if periodic:
@@ -392,8 +422,9 @@ def predecessors_along(first, last, far, count, periodic):
 
 @kernel(inline="always")
 def boxes_along(low, high, k, lattice):
-    """The number of the first of the lattice boxes along its k-th axis that [low, high], in the axis's unit,
-    overlaps, and of the one behind the last; at least one. On a periodic axis in two laps.
+    """(first, past): which of the lattice's boxes along its k-th axis [low, high] overlaps, one at least.
+
+    low, high : in the axis's unit. On a periodic axis the first is in the first of two laps.
     """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
@@ -419,11 +450,15 @@ SEGMENT = 16  # cells of a line that are looked up together first
 
 
 class Placed(NamedTuple):
-    """Cells by place, in lines along an axis: number = begin[place] + offset[line] + n * stride, n < length.
+    """The order of cells in memory: number = begin[place] + offset[line] + n * stride, with 0 <= n < length.
 
-    Of `mark_collisions` the axis is one of the lattice's, also where a line is a single cell. counts (ndim,); edges
-    (ndim, most + 1): where cells begin and end; safe (2, ndim): what is past these has left by a safe end; infinite
-    where there are none.
+    So cells are sorted by place and by line, a stretch of cells along `axis`. For `mark_collisions` this axis is one of
+    the lattice's, even where a line is a single cell.
+
+    counts : (ndim,), the numbers of cells.
+    edges : (ndim, most + 1), where cells begin and end.
+    safe : (2, ndim), the lower and the upper coordinates past which a state has left by a safe end; infinite where
+        there are none.
     """
 
     counts: FloatArray
@@ -438,8 +473,9 @@ class Placed(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def parts_inside(cell, tube, layout):
-    """In how many of the parts of the interval, from the first on, what was in a cell may still be between the
-    safe ends of the layout (`Placed`); tube (parts, ndim, 2): how far its ends move in each.
+    """In how many parts of the interval, from the first on, what was in a cell may still be between the safe ends.
+
+    cell (ndim,) : indices. tube (parts, ndim, 2) : how far the cell's ends move in each part. layout : the `Placed`.
     """
     for axis in range(cell.size):
         if layout.safe[0, axis] > -np.inf or layout.safe[1, axis] < np.inf:
@@ -458,11 +494,13 @@ def parts_inside(cell, tube, layout):
 
 @kernel(parallel=True)
 def mark_collisions(clear, tubes, places, lattice, bit, layout):
-    """Clear a bit (a mask) of the cells from which a tube may meet an unsafe set: of clear (cells,) uint8, in place.
+    """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may meet an unsafe set.
 
-    tubes (places, parts, ndim, 2): how far the lower and the upper end of a cell at a place move in each part of the
-    interval. places: (begin, end) of those looked at. lattice: the `Boxes` that may meet the set. layout: the cells in
-    lines along an axis of the lattice.
+    bit : a mask. lattice : the `Boxes` that may meet the set.
+    tubes (places, parts, ndim, 2) : how far the lower and the upper end of a cell at each place move in each part of
+        the interval.
+    places : (begin, end), the numbers of these places.
+    layout : the cells in lines along an axis of the lattice (`Placed`).
     """
     d, spans, length = lattice.axes.size, tubes.shape[1] + 1, layout.length
     for chunk in prange(CHUNKS):
@@ -474,10 +512,10 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
-    """`mark_collisions` for chunk number `chunk` of `CHUNKS` of the cells, with its arguments; scratch: arrays that are
-    overwritten.
+    """`mark_collisions` for chunk number `chunk` of `CHUNKS`, with its arguments.
 
-    Span 0 is the whole interval, the others are its parts: only what is met in some of them is looked up in each.
+    Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
+    up in each part. scratch : arrays that are overwritten.
     """
     (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
     total = (places[1] - places[0]) * lines
@@ -509,11 +547,10 @@ def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, 
 
 @kernel(inline="always")
 def swept_boxes(number, span, tube, k, lattice, edges):
-    """The first of the lattice boxes (`Boxes`) along its k-th axis that the tube of cell `number` of that axis
-    overlaps, and the one behind the last.
+    """(first, past): which of the lattice's boxes along its k-th axis the tube of cell `number` of that axis overlaps.
 
-    tube (parts, ndim, 2): how far the lower and upper end of the cell move in each part of the interval; span: 0 of the
-    whole interval, else of part span - 1. edges (ndim, most + 1): where cells begin and end.
+    tube (parts, ndim, 2) : how far the cell's ends move in each part. span : 0, the whole interval, or part span - 1.
+        edges (ndim, most + 1) : where cells begin and end.
     """
     axis, begin, end = lattice.axes[k], max(span - 1, 0), span if span > 0 else tube.shape[0]
     low, high = tube[begin, axis, 0], tube[begin, axis, 1]
@@ -525,10 +562,11 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 
 @kernel(**UNCOUNTED)
 def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
-    """Write `swept_boxes` along a line that begins at cell `begin`, times the step of its axis in the sums: scratch is
-    along (2, length), first and behind last of each cell, and hulls (2, segments), of each segment.
+    """Write `swept_boxes` of the cells of a line, each times the step of the line's axis in the sums, to scratch.
 
-    span, tube, lattice : as for `swept_boxes`; layout : the `Placed`.
+    begin : the line's first cell on its axis. span, tube, lattice : as for `swept_boxes`. layout : the `Placed`.
+    scratch : along (2, length), the first box and the one behind the last, of each cell; hulls (2, segments), of each
+        segment of `SEGMENT` cells.
     """
     (along, hulls), step = scratch, 1
     for k in range(lattice.axes.size - 1, -1, -1):
@@ -544,11 +582,10 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
 
 @kernel(**UNCOUNTED)
 def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
-    """Write where, on all axes but a line's, the corners of `swept_boxes` of a cell (ndim,) are in the sums, and which
-    are subtracted.
+    """Write where in the sums the corners of `swept_boxes` of a cell (ndim,) are on all axes but a line's.
 
-    scratch : corner (2, 2^(d - 1)), places, and 1 or -1; at (2, d), overwritten. span, tube, lattice : as for
-        `swept_boxes`; layout : the `Placed`.
+    scratch : corner (2, 2^(d - 1)), the place of each, and its sign, 1 or -1; at (2, d) is overwritten. span, tube,
+        lattice : as for `swept_boxes`. layout : the `Placed`.
     """
     (corner, at), d = scratch, lattice.axes.size
     for k in range(d):
@@ -567,11 +604,12 @@ def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
 
 @kernel(**UNCOUNTED)
 def count_in_a_line(sums, corner, along, hulls, left, met):
-    """Write to met (length,) how many boxes that may meet the set each cell's tube overlaps, by differences of `sums`;
-    0 in segments in which nothing is left, or none overlaps.
+    """Write to met (length,) how many boxes that may meet the set each cell's tube overlaps, by differences of `sums`.
 
-    Segments are looked up first: corner (2, 2^(d - 1)), along (2, length) and hulls (2, segments) as in the functions
-    above.
+    Segments are looked up first; 0 is written in those that overlap no such box, or have nothing left.
+
+    left (length,) : not 0 for the cells that are still asked about. corner, along, hulls : as the functions above have
+        written them.
     """
     for segment in range(hulls.shape[1]):
         begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
@@ -588,8 +626,9 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
 @kernel(parallel=True)
 def mark_exits(clear, tubes, places, faces, bit, layout):
-    """Clear a bit (a mask) of the cells from which a tube may leave by an unsafe end: of clear (cells,) uint8, in
-    place; faces (2, ndim): these ends, infinite for others. tubes, places, layout : as for `mark_collisions`.
+    """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may leave by an unsafe end.
+
+    faces (2, ndim) : these ends, infinite for others. bit, tubes, places, layout : as for `mark_collisions`.
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
@@ -599,8 +638,9 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
-    """`mark_exits` for chunk number `chunk` of `CHUNKS`, with its arguments; scratch: a cell (ndim,), and how far
-    a cell's ends get (2, ndim), overwritten.
+    """`mark_exits` for chunk number `chunk` of `CHUNKS`, with its arguments.
+
+    scratch : a cell (ndim,) int64, and how far a cell's ends get (2, ndim), overwritten.
     """
     (cell, far), lines, along = scratch, layout.offset.size, layout.axis
     total, known, left = (places[1] - places[0]) * lines, (-1, -1), False
@@ -627,8 +667,10 @@ def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch
 
 @kernel(inline="always")
 def past_a_face(cell, far, faces, edges, along, others):
-    """Whether the lower or upper end of a cell (ndim,), of the edges (ndim, most + 1), moved by far (2, ndim), is
-    beyond one of the faces (2, ndim) on the axis `along`, or, for `others`, on one of the others.
+    """Whether an end of a cell (ndim,), moved by far (2, ndim), is beyond one of the faces (2, ndim).
+
+    The lower end beyond a lower face or the upper beyond an upper one; on the axis `along` or, for `others`, on all
+    other axes. edges (ndim, most + 1) : where cells begin and end.
     """
     left = False
     for axis in range(cell.size):
@@ -640,11 +682,14 @@ def past_a_face(cell, far, faces, edges, along, others):
 
 @kernel(nogil=True)
 def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
-    """out[m, j] &= whether input j is safe from the cell some[m], (M, ndim), and leads into the set of one step less
-    than ahead[m] to go; out (M, L) bool: the inputs that are asked about, in place.
+    """out[m, j] &= whether input j is safe from the cell some[m], of (M, ndim), and leads into its set; in place.
 
-    moves: `Moves`. clear (cells, bytes): a bit for each safe input. sets (n, R): the rows, in `pool`, of those with 0,
-    1, ... steps to go, all later ones the last one; where there are none, inputs that are safe.
+    The set is that with ahead[m] - 1 steps to go. No input is certified for ahead[m] = 0.
+
+    out (M, L) bool : the inputs that are asked about.
+    moves : the `Moves`. clear (cells, bytes) uint8 : a bit for each safe input.
+    sets (n, R) : the numbers of the blocks in `pool` of the sets with 0, 1, ... steps to go, all later ones being the
+        last; n = 0: inputs have to be safe only.
     """
     scratch = np.empty((3, some.shape[1]), np.int64)
     for m in range(some.shape[0]):
@@ -662,11 +707,11 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
 
 @kernel(nogil=True)
 def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
-    """`certified_inputs`, with its arguments, of inputs known to be safe, for cells some (M, ndim) that lie in lines
-    along an axis (`along`) but the last: out (M, L) bool, in place.
+    """`certified_inputs` of inputs known to be safe, for cells in lines along the axis `along`; in place.
 
-    No place depends on that axis, and it has no safe ends. So from cell to cell of a line an image goes on along it,
-    and only what of it is new is looked at.
+    The axis is not the last one, no place depends on it, and it has no safe ends. From cell to cell of a line, an image
+    then goes on along this axis, and only what of it is new is looked at. out (M, L) bool. The other arguments are
+    those of `certified_inputs`.
     """
     ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
@@ -696,7 +741,7 @@ def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
 
 @kernel(inline="always")
 def same_line(cell, other, along):
-    """Whether a cell and another one, (ndim,) each, differ on the axis `along` at most."""
+    """Whether two cells, (ndim,) each, differ on the axis `along` at most."""
     for axis in range(cell.size):
         if axis != along and cell[axis] != other[axis]:
             return False
@@ -705,13 +750,16 @@ def same_line(cell, other, along):
 
 @kernel(**UNCOUNTED)
 def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
-    """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set: out
-    (M,) bool, see `inputs_in_lines`.
+    """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set.
 
-    asked: where on the axis its cells are (M,), the steps to go (M,), and from where to where an image lies there.
-    shape: the rows (R,) of a slice of an image, the first one on the axis, and from where to where it lies on the last.
-    sets, pool: as for `certified_inputs`. seen (n, 3): of each set the first slice that was looked at, the last one, or
-    -2, and the last that is not in it.
+    out (M,) bool. sets, pool : as for `certified_inputs`.
+
+    asked : the indices on the axis of the line's cells (M,), their steps to go (M,), and the first and the last cell of
+        an image there, as offsets.
+    shape : the rows (R,) of a slice of an image, as if at index 0 on the axis, and the first cell and the one past the
+        last on the last axis.
+    seen (n, 3) : for each set the first slice that was looked at, the last one, or -2 if there is none, and the last
+        that is not in the set; in place.
     """
     (own, ahead, low, high), (rows, bit, past) = asked, shape
     count, stride, whole = cells.counts[along], 1, cells.counts[-1]

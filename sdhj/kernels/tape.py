@@ -38,13 +38,19 @@ Packable = FloatArray | list[FloatArray]
 
 
 class Tape(NamedTuple):
-    """A formula, ready to be played: seven arrays, `packed`. A result may be in the slot of an operand.
+    """A formula, ready to be played: seven arrays, `packed`, in this order.
 
-    code (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one); of `x`
-    and `p` a is the number of the coordinate or parameter, of `gridded` a row of `lookups`. slots (1,): how many.
-    outputs (K,): slots of the results. lookups (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first
-    entry in `tables`, where its `pyramid` follows. value (n,) float64: of `const`; the exponent of `power`. places
-    (G, 12): 6 times lower, 6 times spacing. tables (T,)
+    A result may be in the slot of an operand.
+
+    code : (n, 5) int64: operation, slot of its result, slots a, b, c of its operands (b is a where there is one). Of
+        `x` and `p`, a is the number of the coordinate or parameter; of `gridded` a row of `lookups`.
+    slots : (1,), how many slots there are.
+    outputs : (K,), the slots of the results.
+    lookups : (G, 14): number of axes, 6 slots, 6 numbers of nodes, place of the first entry in `tables`, behind whose
+        values its `pyramid` follows.
+    value : (n,) float64: of `const`; the exponent of `power`.
+    places : (G, 12): 6 times lower, 6 times spacing.
+    tables : (T,), the values of all tables.
     """
 
     ints: FloatArray
@@ -55,8 +61,9 @@ CODE, SLOTS, RESULTS, LOOKUPS, VALUE, _PLACES, TABLES = range(7)
 
 
 def pyramid(values: FloatArray) -> list[FloatArray]:
-    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes on each axis, up to few
-    blocks: arrays [least of 4, greatest of 4, least of 16, ...]; [] for a small table.
+    """The least and the greatest values of a table in blocks of 4, 16, 64, ... nodes along each axis.
+
+    Returns arrays [least of 4, greatest of 4, least of 16, ...], until few blocks are left; [] for a small table.
     """
     found, least, greatest = list[FloatArray](), values, values
     while least.size > MOST_NODES[values.ndim]:
@@ -68,11 +75,11 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 
 
 def packed(*arrays: Packable) -> Tape:
-    """Arrays one behind the other, as a `Tape`: those of whole numbers in `ints`, those of floats in `floats`,
-    read-only; Python hands over few arrays sooner.
+    """Arrays one behind the other in two flat ones, a read-only `Tape`: whole numbers in `ints`, floats in `floats`.
 
-    Where the k-th begins and ends stands before the whole numbers; `part` finds it. One that is a list is of its arrays
-    together, which are copied once: maps are large.
+    Python hands over few arrays sooner than many. Before the whole numbers stands where each of the given arrays begins
+    and ends; `part` finds it. One that is given as a list of arrays is all of these together, which are copied once:
+    maps are large.
     """
     where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
     parts: tuple[list[FloatArray], list[FloatArray]] = ([where.ravel()], [np.zeros(0)])
@@ -87,26 +94,27 @@ def packed(*arrays: Packable) -> Tape:
 
 @kernel(inline="always")  # into kernels that do not count references: those that do take long to compile, all inlined
 def part(ints, array, k):
-    """The k-th of packed arrays (`packed`), a flat view; array: `ints` or `floats`, in which it lies."""
+    """The k-th of packed arrays (`packed`): a flat view of `array`, the `ints` or `floats` that it lies in."""
     return array[ints[2 * k] : ints[2 * k + 1]]
 
 
 @kernel(**UNCOUNTED)
 def length(ints, k):
-    """How many numbers the k-th of packed arrays has; ints: the packed whole numbers."""
+    """How many numbers the k-th of packed arrays (`packed`) has."""
     return ints[2 * k + 1] - ints[2 * k]
 
 
 @kernel(**UNCOUNTED)
 def slots_of(ints, first):
-    """How many slots the tape has whose code is number `first` of the packed arrays; 0 where there is no tape."""
+    """How many slots the tape has whose code is the packed array number `first`; 0 where there is no tape."""
     return ints[ints[2 * (first + SLOTS)]] if length(ints, np.int64(first + SLOTS)) > 0 else 0
 
 
 @kernel(error_model="numpy", forceinline=True, **UNCOUNTED)  # at one place
 def _arithmetic(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR; scratch
-    (rows, points), op by its number. NaN where a divisor is 0.
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR, op by its number.
+
+    scratch (rows, points) : written in place. NaN where a divisor is 0 or an operand NaN.
     """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
@@ -143,8 +151,9 @@ def _arithmetic(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _elementary(op, scratch, i, j, k, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD; scratch
-    (rows, points), op by its number.
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD, op by its number.
+
+    scratch (rows, points) : written in place. NaN outside a domain.
     """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
@@ -187,7 +196,7 @@ def _elementary(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(scratch, i, n, k, count):
-    """scratch[k] = scratch[i]^n at `count` points, n a whole number.
+    """scratch[k] = scratch[i]^n at `count` points, n a whole number; in place.
 
     By squares, from the first binary digit of |n| on: at most |n| roundings each count once. NaN for 0 to a negative
     power.
@@ -211,8 +220,10 @@ def _power(scratch, i, n, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _truths(op, scratch, i, j, k, last, count):
-    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to
-    WHERE, truth values being 1 and 0; scratch (rows, points), op by its number.
+    """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to WHERE.
+
+    op by its number; truth values are 1 and 0. scratch (rows, points) : written in place. NaN where an operand is that
+    counts.
     """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
@@ -240,8 +251,9 @@ def _truths(op, scratch, i, j, k, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
-    """Row k of `scratch` = operation `op` of rows i and j, and `last` (of `where`), at `count` points; n:
-    exponent of `power`.
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for any operation, op by its number; in place.
+
+    n : the exponent of `power`. last : the row of the third operand of `where`.
     """
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
@@ -255,9 +267,12 @@ def _values(op, scratch, i, j, k, n, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _interpolated(tables, first, lookup, position, corner):
-    """The table's value at a position (axes,), in nodes, by multilinear interpolation, and the largest magnitude
-    at the nodes around it. The table's entries are tables[first:]; lookup: its row of `Tape`; corner (64,):
-    overwritten.
+    """(value, largest): a table's multilinear interpolant at a position, and the largest magnitude around it.
+
+    The magnitude is that of the values at the nodes of the cell.
+
+    position (axes,) : in units of nodes, within the table. lookup (14,) : the table's row in `Tape`; its values are
+        tables[first:]. corner (64,) : overwritten.
     """
     axes, most = lookup[0], 0.0
     for c in range(1 << axes):
@@ -278,10 +293,11 @@ def _interpolated(tables, first, lookup, position, corner):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _gridded(lookup, places, tables, scratch, place, out, count, corners):
-    """out[m] = multilinear interpolation of a table, held at its ends, at `count` points; NaN where a coordinate is.
+    """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; NaN for NaN.
 
-    lookup, places, tables : its rows, and the array, of `Tape`. The coordinates are the rows place[slot] of scratch.
-        corners : two arrays that are overwritten.
+    lookup, places, tables : the table's rows, and the array, of `Tape`.
+    scratch, place : the coordinates are the rows place[slot] of scratch.
+    corners : two arrays that are overwritten, as of `work_for`.
     """
     position, corner = corners
     for m in range(count):
@@ -295,19 +311,24 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
 
 @kernel(nogil=True)
 def work_for(slots, points):
-    """Room to play tapes with so many slots at so many points at a time: rows of numbers (slots + 1, points),
-    which row each slot is (slots,), and two arrays for look-ups.
+    """New arrays to play tapes with so many slots at so many points at a time: (rows, place, corners).
+
+    rows (slots + 1, points), of numbers; place (slots,), which row each slot is; corners, two arrays for look-ups.
     """
     return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(tape, points, parameters, out, start, stop, work):
-    """`play_part`, of a tape (ints, floats, first), with the room `work` (`work_for`), which is overwritten: compiled
-    code may call it. Writes out[:, start:stop] from points (M, C) and parameters (P,). Returns 0 where all values are
+    """`play_part` for callers in compiled code: with the arrays `work` of `work_for`, which are overwritten.
+
+    Writes the values at points start to stop of points (M, C) to out[:, start:stop]. Returns 0 where all of them are
     finite, else NaN.
 
-    A result is written to a row that no slot has, which then is the row of its slot: operands are never overwritten.
+    tape : (ints, floats, first), packed arrays and the number of the tape's code among them. parameters (P,).
+
+    A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
+    overwritten.
     """
     (ints, floats, first), (scratch, place, corners) = tape, work
     spare, total = slots_of(ints, np.int64(first)), 0.0
@@ -344,18 +365,20 @@ def play_with_scratch(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """`play` of the points from start to stop, into those columns of out (K, M). Returns 0 where all values are finite,
-    else NaN.
+    """Write the values of a tape at points start to stop of points (M, C) to out[:, start:stop], out (K, M).
 
-    ints, floats : packed arrays; first : the place of the tape's code among them. points (M, C), parameters (P,).
+    Returns 0 where all of them are finite, else NaN.
+
+    ints, floats : packed arrays. first : the number of the tape's code among them. parameters (P,).
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
     return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
 
 
 def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray) -> bool:
-    """Write the values of a tape at points (M, C) with parameters (P,) into out (K, M); whether all of them are
-    finite. What is undefined is NaN.
+    """Write the values of a tape at points (M, C) with parameters (P,) to out (K, M); returns whether all are finite.
+
+    What is undefined is NaN. Many points are shared out to threads. `parameters` becomes read-only.
     """
     ints, floats = tape
     parameters = read_only(parameters)  # as those are that compiled look-ups give
@@ -365,8 +388,9 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
 
 
 def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
-    """What part(*arguments, start, stop) returns of parts of 0 to count, each in a thread of its own; a parallel
-    kernel would compile everything once more.
+    """What `part(*arguments, start, stop)` returns for equal ranges of 0 to count, each in a thread: a list in order.
+
+    A parallel kernel in place of threads would compile everything once more.
     """
     threads = get_num_threads()
     ends = pairwise(count * i // threads for i in range(threads + 1))
@@ -376,9 +400,7 @@ def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
 
 @kernel(nogil=True, error_model="numpy")
 def _magnitudes(scratch, i, k, count):
-    """Write the interval of |a| at `count` points to rows 2 k and 2 k + 1 of scratch, from that of a in rows 2 i
-    and 2 i + 1.
-    """
+    """Write the interval of |a| at `count` boxes to rows 2 k and 2 k + 1 of scratch; a's is in rows 2 i and 2 i + 1."""
     a, out = scratch[2 * i : 2 * i + 2], scratch[2 * k : 2 * k + 2]
     for m in range(count):
         out[0, m], out[1, m] = nearest(a[0, m], a[1, m]), farthest(a[0, m], a[1, m])
@@ -386,11 +408,13 @@ def _magnitudes(scratch, i, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _at_ends(op, fact, scratch, i, j, k, n, count):
-    """Rows 2 k and 2 k + 1 of `scratch`: the values of an operation, op by its number, at those ends of the operands
-    where it is least and greatest, at `count` points, not rounded outward.
+    """Write to rows 2 k and 2 k + 1 of scratch an operation's values where it is least and greatest, at `count` boxes.
 
-    The operands' ends are in rows 2 i and 2 j, and the next; fact: the operation's row of what is known; n: exponent of
-    `power`. The last four rows are overwritten.
+    These are values at ends of the operands' intervals, which are in rows 2 i and 2 j and the next ones. They are not
+    rounded outward.
+
+    op : by its number; not one that `_direct_bounds` knows. fact (COLUMNS,) : the operation's row of what is known. n :
+        the exponent of `power`. The last four rows of scratch are overwritten.
     """
     work = scratch.shape[0] // 2 - 2
     if fact[ABSOLUTE] != 0.0 or (op == POWER and n % 2 == 0):  # obligation 7.18
@@ -411,8 +435,9 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _outward(op, fact, scratch, i, j, k, n, count):
-    """Rows 2 k and 2 k + 1 of `scratch` from values at the ends, which are there, to intervals: rounded outward,
-    with what is between the ends, as the extremes of sin. Arguments as in `_at_ends`.
+    """Make of the values in rows 2 k and 2 k + 1 of scratch, left by `_at_ends`, intervals that are rounded outward.
+
+    In place, with extremes that lie between the ends, as those of sin. The arguments are those of `_at_ends`.
     """
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
@@ -445,8 +470,12 @@ def _outward(op, fact, scratch, i, j, k, n, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _direct_bounds(op, scratch, i, j, k, last, count):
-    """Write the intervals of the operations that do not need `_at_ends` to rows 2 k and 2 k + 1 of scratch,
-    rounded outward; rows as there, `last` of `where`'s third operand.
+    """Write the intervals of the operations that need no `_at_ends` to rows 2 k and 2 k + 1 of scratch.
+
+    Rounded outward.
+
+    op : by its number. The operands' intervals are in rows 2 i and 2 j and the next ones, that of the third operand of
+        `where` in 2 last.
     """
     a, b = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2]
     c, out = scratch[2 * last : 2 * last + 2], scratch[2 * k : 2 * k + 2]
@@ -483,8 +512,9 @@ def _direct_bounds(op, scratch, i, j, k, last, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _copy_nodes(lookup, tables, first, last, block, at):
-    """Copy a table's values at the nodes first to last (axes,), both included, from `tables` into a block
-    (nodes,), the last axis fastest; returns how many. lookup: its row of `Tape`; at (6,): scratch.
+    """Copy a table's values at the nodes first to last (axes,), included, to block (nodes,); returns how many.
+
+    The last axis fastest. lookup (14,) : the table's row in `Tape`. tables : the array. at (6,) : overwritten.
     """
     at[:], axes, place = first, lookup[0], 0
     while at[0] <= last[0]:
@@ -507,10 +537,10 @@ def _copy_nodes(lookup, tables, first, last, block, at):
 
 @kernel(nogil=True, error_model="numpy")
 def _interpolate_ends(block, before, count, behind, low, high):
-    """Values at the ends of an interval in place of those at the first and the last of `count` nodes around it, along
-    one axis of a block (before, count, behind), flat and in place.
+    """Replace a block's values at the first and the last of `count` nodes along an axis by those at two ends.
 
-    The interval begins `low` of a cell behind the first node and ends `high` behind the last but one.
+    In place. block (before, count, behind), flat. The interval begins `low` of a cell behind the first node and ends
+    `high` of a cell behind the last node but one.
     """
     for row in range(before):
         begin, end = row * count * behind, (row * count + count - 2) * behind
@@ -522,8 +552,10 @@ def _interpolate_ends(block, before, count, behind, low, high):
 
 @kernel(nogil=True, error_model="numpy")
 def _extremes_of_blocks(lookup, tables, first, last):
-    """The least and the greatest value of a table at the nodes first to last (axes,) and some beside them: those
-    of few blocks of its `pyramid` that cover them. lookup : its row of `Tape`; tables : the array.
+    """(least, greatest): of a table's values at the nodes first to last (axes,), and at some beside them.
+
+    Those of few blocks of the table's `pyramid` that cover these nodes. lookup (14,) : the table's row in `Tape`.
+    tables : the array.
     """
     axes, start, level, size, total = lookup[0], lookup[13], 0, np.int64(1), np.int64(MOST_NODES[6] + 1)
     for axis in range(axes):
@@ -548,12 +580,14 @@ def _extremes_of_blocks(lookup, tables, first, last):
 
 @kernel(nogil=True, error_model="numpy")
 def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
-    """out[0, m], out[1, m] = bounds of a table's interpolant over box m, for `count` boxes; NaN where an end is.
-    lookup, places, tables : as for `_gridded`; the ends of a coordinate are in rows 2 place[slot] and the next of
-    scratch.
+    """out[0, m], out[1, m] = bounds, rounded outward, of a table's interpolant over box m, for `count` boxes.
 
-    The extremes of a multilinear function are among the ends of the box and the nodes inside, on each axis. Of a box
-    with many nodes inside they are bounded by those of blocks of nodes that cover it (`pyramid`).
+    NaN where an end of a coordinate is. The extremes of a multilinear function are among the ends of the box and the
+    nodes inside, on each axis. In a box with many nodes they are bounded by those of blocks of nodes that cover it
+    (`pyramid`).
+
+    lookup, places, tables : as for `_gridded`.
+    scratch, place : the ends of a coordinate are in rows 2 place[slot] and the next of scratch.
     """
     axes, block = lookup[0], np.empty(MOST_NODES[lookup[0]])
     ends, (first, last, at) = np.empty((2, 6)), np.empty((3, 6), np.int64)
@@ -594,8 +628,9 @@ def _gridded_bounds(lookup, places, tables, scratch, place, out, count):
 
 @kernel(nogil=True, error_model="numpy")
 def _undefined_to_nan(scratch, i, j, k, count):
-    """Make both ends of intervals in rows 2 k and 2 k + 1 of scratch NaN where one is not finite or an operand is
-    NaN; rows as in `_at_ends`.
+    """Make both ends of the intervals in rows 2 k and 2 k + 1 NaN where an end is not finite or an operand NaN.
+
+    In place, at `count` boxes. The operands' intervals are in rows 2 i and 2 j and the next ones.
     """
     a, b, out = scratch[2 * i], scratch[2 * j], scratch[2 * k : 2 * k + 2]
     for m in range(count):
@@ -605,8 +640,9 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
-    """`play_bounds`, with its arguments, of the boxes from start to stop, into those columns of out; tape :
-    (ints, floats).
+    """`play_bounds`, with its arguments, for the boxes start to stop, written to out[:, :, start:stop].
+
+    tape : (ints, floats).
     """
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)
@@ -650,11 +686,13 @@ def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
 def play_bounds(
     tape: Tape, facts: FloatArray, low: FloatArray, high: FloatArray, ends: FloatArray, out: FloatArray
 ) -> None:
-    """Write intervals of a tape over boxes from low to high (M, C) and ends of parameters (2, P) to out (2, K, M),
-    rounded outward.
+    """Write intervals that hold the values of a tape over boxes from low to high (M, C) to out (2, K, M).
 
-    facts (operations, COLUMNS): what is known of each operation. Both ends are finite, or both are NaN: then the tape
-    may be undefined somewhere in the box.
+    Rounded outward. Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box. Many
+    boxes are shared out to threads.
+
+    facts (operations, COLUMNS) : what is known of each operation. ends (2, P) : the least and the greatest value of
+        each parameter.
     """
     arguments = (tuple(tape), facts, low, high, ends, out)
     if len(low) * len(tape.ints) < MANY // 4:

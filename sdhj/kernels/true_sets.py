@@ -20,14 +20,18 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 @kernel(nogil=True)
 def samples_for(states, inputs, count, ndim, sets):
-    """New arrays for the look at the true sets, a tuple: for R states, `count` points of each that waits, one behind
-    the other.
+    """New arrays for the look at the true sets of R states: (queue, verdicts, hazard, points, past, level, there).
 
-    queue (3, R): the numbers of those that wait; of each state the best input by the tubes, and the steps to go after
-    the interval. verdicts, hazard (R, L): `UNKNOWN`, `PASSES` or `FAILS`, and avoid tube, of the inputs. points (R
-    count, ndim + 1), the time last; past (R count,): 1 where nothing matters any longer, behind a safe end, -1 where
-    the path is past an unsafe one; level (sets, R count) and there (1, R count): the values of the unsafe sets and, at
-    state and corners, of the target; there is 0 at first.
+    Those of each state that waits stand one behind the other, in the order of the queue, `count` points each.
+
+    queue (3, R) : [0], the states that wait, as indices into rows; [1], for each state the best input by the tubes;
+        [2], the steps to go after the interval.
+    verdicts, hazard (R, L) : `UNKNOWN`, `PASSES` or `FAILS`, and the avoid tube, of each input.
+    points (R count, ndim + 1) : where the sets are evaluated, the time last.
+    past (R count,) : 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one;
+        else 0.
+    level (sets, R count), there (1, R count) : the values of the unsafe sets and, at state and corners, of the target;
+        `there` is 0 at first, the others are not initialised.
     """
     queue, verdicts, size = np.empty((3, states), np.int64), np.empty((states, inputs), np.int64), states * count
     points, past, there = np.empty((size, ndim + 1)), np.empty(size, np.int64), np.empty((1, size))
@@ -38,10 +42,12 @@ def samples_for(states, inputs, count, ndim, sets):
 
 @kernel(**UNCOUNTED)
 def _farthest(ends, column, j, corner, axis, spacing, boxed):
-    """How far segments lead along an axis, in its unit, at the point of their sum that lies farthest towards a corner
-    of the box, distances counted in cells of `spacing` (ndim,); boxed: each of them along this axis alone.
+    """How far segments lead along an axis, in its unit, at that point of their sum that is farthest towards a corner.
 
-    ends : as for `decide`, of input j, column of the state; corner : a bit for each axis, the first one highest.
+    Distances are counted in cells of `spacing` (ndim,). boxed : as if each segment were the box around it.
+
+    ends, j, column : as for `decide`, the input, and the state's column. corner : a bit for each axis, the first one
+        highest; 1 is the upper side.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -55,8 +61,9 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
 @kernel(inline="always")
 def _clip_and_wrap(x, axis, lattice, faces):
-    """A coordinate x clipped between the faces of a bounded axis, and moved into the period of a periodic one, of
-    a lattice. faces (6 ndim,): lower and upper faces, lower and upper ends, ...
+    """A coordinate x clipped between the faces of its axis, and on a periodic axis moved by turns into the period.
+
+    faces (6 ndim,) : for all axes lower faces, upper faces, lower ends, upper ends, lower walls, upper walls.
     """
     x = min(max(x, faces[axis]), faces[lattice.shape.size + axis])
     if lattice.periodic[axis]:
@@ -66,8 +73,10 @@ def _clip_and_wrap(x, axis, lattice, faces):
 
 @kernel(**UNCOUNTED)
 def _place_corners(at, state, j, box, lattice, faces, samples):
-    """Write to points[at:] the corners (2^ndim) of the sum of a box and segments of input j around a state, and to
-    past[at:] whether each is behind a safe end (apart: in `place_points` all boxes pay).
+    """Write the 2^ndim corners of the sum of a box and segments of input j around a state to points[at:].
+
+    And to past[at:] 1 where one is behind a safe end, else 0. The segments count as boxes where a wall may hold a state
+    (`is_held`). It is a function of its own, as otherwise all boxes would pay for it in `place_points`.
 
     box : (ends, column). lattice, faces : as for `_clip_and_wrap`. samples : (points, past), in place.
     """
@@ -85,11 +94,12 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
-    """Write to points[at:] where planes cut the ways from the middle of the box of input j around a state to its
-    corners, or these, (2^ndim), and to past[at:] whether each is behind a safe end.
+    """Write where planes cut the ways from the middle of input j's box around a state to its corners to points[at:].
 
-    box : (ends, column). normals (K, ndim) : of the planes. lattice, faces : as for `_clip_and_wrap`. samples :
-        (points, past), in place.
+    Or a corner where no plane cuts the way; 2^ndim points. And to past[at:] 1 where one is behind a safe end, else 0.
+
+    box : (ends, column). normals (K, ndim) : of the planes. lattice, faces : as for `_clip_and_wrap`.
+    samples : (points, past), in place.
     """
     (ends, column), (points, past), ndim = box, samples, state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
@@ -114,9 +124,11 @@ def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def place_points(at, state, j, box, normals, lattice, look, samples):
-    """Write to points[at:] the points at which the true sets are evaluated for input j (u_j) from a state: the state,
-    those on the path without an adversary, and the corners; to past[at:] 1 where one is behind a safe end of the
-    lattice, from then on along the path, and -1 where the path is past an unsafe one.
+    """Write the points at which the true sets are evaluated for input j from a state to points[at:], with their times.
+
+    These are the path without an adversary, the state, and the corners of what the input leads to. To past[at:] 1 is
+    written where a point is behind a safe end of the lattice, and from then on along the path; -1 where the path is
+    past an unsafe end; else 0.
 
     box : (ends, column). normals : of planes, or None. look : (times, faces). samples : (points, past), in place.
     """
@@ -148,12 +160,13 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 @kernel(**UNCOUNTED)
 def next_input(known, safe, scores, depth, hazard, first):
-    """The number of the input to look at next; if it has passed already, or has failed, it is the answer. Nothing is
-    written.
+    """The number of the input to look at next; if that has passed or failed already, it is the answer.
 
-    Of the safe ones that have not failed that of least score, of equals that of least depth; where none is left,
-    `first`, the best by the tubes; where that has failed, the one that has not for which the larger of depth and hazard
-    is least; else `first`. All arrays (L,); known: `UNKNOWN`, `PASSES` or `FAILS`.
+    Of the safe inputs that have not failed that of least score, of equals that of least depth. Where there is none,
+    `first`, the best by the tubes; where that has failed, of those that have not the one for which the larger of depth
+    and hazard is least; else `first`. Nothing is written.
+
+    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe, scores, depth, hazard : (L,).
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -172,12 +185,15 @@ def next_input(known, safe, scores, depth, hazard, first):
 
 @kernel(nogil=True, **UNCOUNTED)
 def propose(waiting, within, states, rows, packs, ahead, out, samples):
-    """Write the input that comes next to best[rows[r]], of `out`, for each r that waits, and to `samples` the points at
-    which to look for it, from `states` (M, ndim). Returns how many still wait.
+    """Write for each state that waits the input to look at next to `best`, and its points to `samples`.
 
-    waiting : how many wait; -1: not begun, all wait that have steps to go. Where nothing is to be looked at (there are
-        no times), all inputs pass. within, rows, packs, ahead, out : as for `decide`, packs being (ints, floats) and
-        ahead (ends, scores, normals). samples : what `samples_for` returns.
+    Returns how many states still wait, which are first in the queue then; the answer of the others is final. After
+    `propose`, `level` and `there` have to be filled (`evaluate`), and `judge` called, until no state waits.
+
+    waiting : how many wait; -1 at first: all wait that have steps to go. Where nothing is to be looked at (there are no
+        times), all inputs pass.
+    states (M, ndim), rows : all states, and the numbers of those at hand.
+    within, packs, ahead, out : as for `decide`. samples : what `samples_for` returns.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, ahead
@@ -204,12 +220,14 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def heed_inputs(waiting, rows, count, under, best, samples):
-    """Of sets that are unsafe under some inputs, undo in `samples`, in place, what they say of other inputs, and of the
-    state itself, for so many states (`waiting`) in the queue.
+    """Undo in `samples`, in place, what sets that are unsafe under some inputs say of other inputs and of states.
 
-    under (sets * L,): of each set and input 1, 0, or -1 where the set is unsafe under all; or none. count : points of
-    each that waits. best[rows[r]] : the input that is looked at. What such a set says of the state is said of the first
-    point of the path in its place: the input fails, the state is not lost.
+    For the first `waiting` states in the queue. What such a set says of the state itself is said of the first point of
+    the path in its place: the input fails, the state is not lost.
+
+    under (sets * L,) : for each set and input 1 or 0, or -1 where the set is unsafe under all; of length 0 if all sets
+        are.
+    count : the points of each state. best[rows[r]] : the input that is looked at.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
@@ -226,11 +244,13 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 
 @kernel(nogil=True, **UNCOUNTED)
 def judge(waiting, rows, checks, count, out, samples):
-    """Undo in `out` what the values in `samples`, at `count` points each, refute of the first `waiting` in the queue;
-    note the verdicts; returns how many wait for another input, which are first in the queue then.
+    """Undo in `out` what the values in `samples` refute of the first `waiting` states in the queue; note verdicts.
 
-    What is in an unsafe set is not admissible, with checks `TRUE_SETS_ONLY` just its steps to go say so; what is in no
-    target has one step to go, or none any longer. An input that fails is not safe. rows, out : as for `decide`.
+    Returns how many wait for another input; these are first in the queue then. A state in an unsafe set is not
+    admissible (with checks `TRUE_SETS_ONLY` just its steps to go say so); one that is not in the target has one step to
+    go where it had none. An input that fails is not safe.
+
+    rows, out : as for `decide`. count : the points of each state.
     """
     (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
@@ -261,11 +281,11 @@ def judge(waiting, rows, checks, count, out, samples):
 
 @kernel(**UNCOUNTED)
 def evaluate(waiting, rows, packs, times, out, samples, work):
-    """Play the unsafe sets at the points of all that wait (`waiting`), and the target where it matters, into `samples`;
-    whether all values are finite.
+    """Play the unsafe sets, and the target where it matters, at the points of the first `waiting` states in the queue.
 
-    times : of the points; work : see `work_for`; rows, packs, out : as for `propose`. The type of a constant is the
-        constant, and all that is played would be compiled for it anew: hence `np.int64`.
+    Writes their values to `level` and `there` of `samples`, with what `heed_inputs` undoes; returns whether all are
+    finite. times : of the points. work : of `work_for`. rows, packs, out : as for `propose`. The type of a constant is
+    the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     """
     (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0

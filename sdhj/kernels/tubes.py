@@ -34,11 +34,15 @@ AT_TARGET = AT_UNSAFE + TABLES + 1
 
 
 class StoredTubes(NamedTuple):
-    """A look-up table as compiled code reads it, every function on a grid flat.
+    """A look-up table as compiled code reads it, every function on a grid flat, in an array of `size` nodes.
 
-    steps; game, the place in tubes of the values by which inputs are selected, -1 where those of the next tube are;
-    index (entries,), the place of each (start, within) in tubes (T, size) and marks (T, bytes, size); static (L, size
-    of the subgrid of static_axes) and moving (steps * L, size of the subgrid of moving_axes), the avoid tubes.
+    steps : N.
+    game : the index in `tubes` of the values by which inputs are preferred for ever; -1 where those of the next tube
+        are.
+    index : (entries,), the index of each (start, within) in tubes and marks.
+    tubes, marks : (T, size), the level-set functions, and (T, bytes, size) uint8, a bit for each input.
+    static, static_axes : the avoid tubes of sets that stand still, (L, size of the subgrid), and the subgrid's axes.
+    moving, moving_axes : those of sets that move, (steps * L, size of the subgrid), and the subgrid's axes.
     """
 
     steps: int
@@ -53,16 +57,20 @@ class StoredTubes(NamedTuple):
 
 
 class LookupScratch(NamedTuple):
-    """Arrays to work in, overwritten by a look-up.
+    """Arrays that a look-up overwrites; made by `working_room`.
 
-    hull (R, 2, ndim): the box that holds those of all inputs, of each state, or one for all. axes (ndim,): all of them;
-    index, weight (2, 2^ndim): nodes around a state; marked (L,): whether they all mark an input. Of a block: the first
-    node on each axis in `order`, begin (ndim,); how many nodes that axis and those behind it have, rest (ndim + 1,);
-    where they are on the grid, offsets (size,). What is left when the maxima along the axes before it are taken begins
-    at values[rest[a]], behind all that is left later: values (2 size,). centre (ndim,): of the box of an input. Of
-    segments: moved (2 + K, L, ndim, 1), the boxes around one point of their sum, and on its first axis how many points
-    of each are looked at; held (2 ndim,): walls. Of planes: moved, the boxes around one slab of what lies between them,
-    and into how many it is cut along each axis.
+    hull : (R, 2, ndim), the box that holds the boxes of all inputs, for each state, or one for all.
+    axes : (ndim,), the numbers of all axes.
+    index, weight : (2, 2^ndim), nodes around a state. marked : (L,), whether all of these mark an input.
+    begin : (ndim,), of a block the first node on each axis, in `order`. rest : (ndim + 1,), how many nodes that axis
+        and those behind it have. offsets : (size,), where its nodes are on the grid.
+    values : (2 size,); what is left when the maxima along the axes before axis a are taken begins at values[rest[a]],
+        behind all that is left later.
+    centre : (ndim,), of the box of an input.
+    moved : (2 + K, L, ndim, 1). With segments the boxes around one point of their sum, and in [2 + k, j, 0] how many
+        points of segment k are looked at; with planes the boxes around one slab of what lies between them, and in [2,
+        j] into how many slabs it is cut along each axis.
+    held : (2 ndim,), walls.
     """
 
     hull: Any
@@ -81,8 +89,9 @@ class LookupScratch(NamedTuple):
 
 @kernel(**UNCOUNTED)
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
-    """Fewest n in 0..most whose interpolated tube, of entry first + n of `stored_tubes`, is <= 0, or -1. Tubes
-    grow with n: bisection. index, weight, count: nodes around the state, of `corners`.
+    """The fewest n in 0..most whose interpolated tube, entry first + n of `stored_tubes`, is <= 0; -1 for none.
+
+    By bisection, as tubes grow with n. index, weight, count : the nodes around the state, of `corners`.
     """
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
@@ -98,8 +107,9 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
 
 @kernel(**UNCOUNTED)
 def _marked_by_all(marks, place, index, count, marked):
-    """marked[j] = whether every one of `count` nodes around a state, `index`, marks u_j, in place; marks[place]:
-    of the tube.
+    """marked[j] = whether each of `count` nodes around a state marks u_j in a tube; marked (L,), in place.
+
+    index : these nodes. marks[place] : the tube's marks.
     """
     for byte in range(marks.shape[1]):
         bits = np.uint8(255)
@@ -111,8 +121,9 @@ def _marked_by_all(marks, place, index, count, marked):
 
 @kernel(**UNCOUNTED)
 def _gather(values, state, column, order, lattice, scratch):
-    """Copy flat `values` (size,) at the nodes of the lattice that the box hull[column] around a state touches to
-    scratch.values[rest[0]:], the axis order[0] slowest; sets begin, rest and offsets of `scratch`.
+    """Copy values (size,) at the nodes that the box hull[column] around a state touches to scratch.values[rest[0]:].
+
+    The axis order[0] is slowest. Sets begin, rest and offsets of `scratch` as well. lattice : the grid.
     """
     offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
@@ -134,11 +145,10 @@ def _gather(values, state, column, order, lattice, scratch):
 
 @kernel(**UNCOUNTED)
 def _maximum_along_axis(values, source, nodes, rest, near, far):
-    """Maximum of the interpolant over an interval along the leading axis of values[source:] (nodes, rest), flat,
-    written to values[rest:] (rest,).
+    """The maximum of the interpolant over an interval along the leading axis of values[source:], (nodes, rest), flat.
 
-    near and far: weight of the second node at the interval's low end, of the last node at its high end. Views, because
-    loops over them vectorise.
+    Written to values[rest:], (rest,). near, far : the weight of the second node at the interval's low end, and of the
+    last node at its high end. Views, because loops over them vectorise.
     """
     last = source + (nodes - 1) * rest
     first, second = values[source : source + rest], values[source + rest : source + 2 * rest]
@@ -156,8 +166,9 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
 
 @kernel(**UNCOUNTED)
 def _spread(ends, column, j, axis):
-    """How far the segments of input j lead along an axis, all of them, to either side: sum of |half|; ends as for
-    `decide`, of the state in this column.
+    """How far the segments of input j together lead along an axis to either side: sum of |half|, 0 without any.
+
+    ends, column : as for `decide`, and the state's column in them.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -167,10 +178,12 @@ def _spread(ends, column, j, axis):
 
 @kernel(**UNCOUNTED)
 def is_held(state, ends, column, j, held):
-    """Whether input j leads past one of the walls `held` (2 ndim,), lower then upper, at which the state may end
-    outside the sum of its segments, or its planes.
+    """Whether input j may lead past a wall: then a state may end outside the sum of its segments, or its planes.
 
-    ends : those of the box, or with segments, as for `decide`; column : of the state.
+    held (2 ndim,) : the lower walls, then the upper ones, infinite where there are none.
+    ends : as for `decide`; for planes its first `PATH` terms, the box, alone. With segments, axes along which none
+        leads do not count.
+    column : the state's in `ends`.
     """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
@@ -182,11 +195,11 @@ def is_held(state, ends, column, j, held):
 
 @kernel(**UNCOUNTED)
 def _count_points(state, ends, column, lattice, scratch):
-    """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken;
-    returns the most that the sums of an input have.
+    """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken.
 
-    state (ndim,); ends, as for `decide`, of the state in this column: points are no farther apart than half a cell of
-    the lattice.
+    Returns the most points that the sum of one input's segments has. Points are no farther apart than half a cell of
+    the lattice. The box is taken where there would be more than `MOST_POINTS`, or a wall may hold a state. ends, column
+    : as for `decide`, and the state's column in them.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -205,9 +218,10 @@ def _count_points(state, ends, column, lattice, scratch):
 
 @kernel(**UNCOUNTED)
 def _write_boxes_at_point(point, ends, column, scratch):
-    """Write to scratch.moved[:2] the boxes of all inputs around the point with this number of the sum of their
-    segments; around the whole of a segment where its box is taken. ends, as for `decide`, of the state in this
-    column.
+    """Write to scratch.moved[:2] the boxes of all inputs around point number `point` of the sum of their segments.
+
+    Where its box is taken (`_count_points`), around the whole of an input's segments. ends, column : as for `decide`,
+    and the state's column in them.
     """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
@@ -227,11 +241,12 @@ def _write_boxes_at_point(point, ends, column, scratch):
 
 @kernel(**UNCOUNTED)
 def _count_slabs(state, ends, normals, column, lattice, scratch):
-    """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis for each input, 0
-    where its box is taken; returns the last axis that a plane is not parallel to, and the most slabs of an input.
+    """Write to scratch.moved[2] into how many slabs what lies between planes is cut along each axis, for each input.
 
-    Along that last axis there is one. state (ndim,); ends, as for `decide`, of the state in this column; normals (K,
-    ndim); slabs are a quarter of a cell of the lattice thick.
+    0 where its box is taken. Returns (last, most): the last axis that a plane is not parallel to, along which there is
+    one slab, and the most slabs of an input. Slabs are a quarter of a cell of the lattice thick.
+
+    ends, column : as for `decide`, and the state's column in them. normals (K, ndim).
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -253,10 +268,11 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
 
 @kernel(**UNCOUNTED)
 def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
-    """Write to moved[:2] the boxes of all inputs around the slab with this number of what lies between their planes.
+    """Write to moved[:2] the boxes of all inputs around slab number `slab` of what lies between their planes.
 
-    Where nothing of the slab does, the middle of the box, which always does. last, and moved[2]: see `_count_slabs`;
-    ends, normals, column, lattice: as there.
+    Where nothing lies in the slab, the middle of the box, which is always between the planes.
+
+    last, moved[2] : of `_count_slabs`. ends, normals, column, lattice : as there.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -288,12 +304,14 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 
 @kernel(**UNCOUNTED)
 def _worst_values(values, state, box, normals, space, out):
-    """out[j] = maximum of the interpolated `values` (size,) over what input j leads to from a state: its margin.
+    """out[j] = the maximum of the interpolated values (size,) over what input j leads to from a state: its margin.
 
-    That is a box or, where something moves several axes, the sum of a box and segments, points of which are looked at,
-    no more than half a cell apart along each; or what lies between planes, cut into slabs of a quarter of a cell and
-    boxes around these. Where they are held at a wall, or too many, the box around it. box : (ends, column). space :
-    (order, lattice, scratch). What is for planes alone is not compiled where normals is None.
+    What it leads to is a box or, where something moves several axes, the sum of a box and segments, points of which are
+    looked at, or what lies between planes, cut into slabs; the box around these where a wall may hold a state, or there
+    are too many.
+
+    box : (ends, column), as for `decide`, and the state's column in them. space : (order, lattice, scratch). What is
+        for planes alone is not compiled where normals is None.
     """
     (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
@@ -314,12 +332,13 @@ def _worst_values(values, state, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
-    """Raise out[j] to the maximum over the box of input j around a state of the interpolated values that `_gather`
-    copied to scratch; in place.
+    """Raise out[j] to the maximum, over the box of input j around a state, of the values that `_gather` has copied.
 
-    The maximum is taken axis by axis, in this order, as in `sdhj.solver.hopf_lax`, so it errs to the safe side. A box
-    that goes past an unsafe end of the lattice has +inf, one that is past a safe end with all it has -inf. ends, as for
-    `decide`, of the state in this column.
+    The maximum of the interpolant is taken axis by axis, in `order`, as in `sdhj.solver.hopf_lax`, so it errs to the
+    safe side. +inf for a box that goes past an unsafe end of the lattice; nothing is raised for one that is past a safe
+    end as a whole.
+
+    ends, column : boxes as for `decide`, and the state's column in them. scratch : left by `_gather`.
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -341,11 +360,12 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
 
 @kernel(**UNCOUNTED)
 def _depths(stored_tubes, state, box, normals, space, out):
-    """out[j] = (1 - CENTRE) times the largest value of the game of `stored_tubes` in the box of input j from a state,
-    CENTRE times that at its centre. box, normals, space : as for `_worst_values`.
+    """out[j] = (1 - CENTRE) * (the largest value of the game in the box of input j) + CENTRE * (that at its centre).
 
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
+
+    box, normals, space : as for `_worst_values`.
     """
     (ends, column), (_, lattice, scratch) = box, space
     _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
@@ -361,9 +381,11 @@ def _depths(stored_tubes, state, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def _hazard(stored_tubes, step, j, scratch, still, moving):
-    """The interpolated avoid tube of input j over the interval from a step, <= 0 where it is safe: the larger of
-    the static and the moving one of `stored_tubes`, whose nodes around the state are the first `still` and
-    `moving` in `scratch`.
+    """The interpolated avoid tube of input j over the interval from a step: <= 0 where the input is safe.
+
+    The larger of the static and the moving one of `stored_tubes`.
+
+    still, moving : how many nodes around the state, of `corners`, scratch.index and weight have for each.
     """
     value = weighted(stored_tubes.static, j, scratch.index[0], scratch.weight[0], still)
     place = step * scratch.marked.size + j
@@ -372,9 +394,12 @@ def _hazard(stored_tubes, step, j, scratch, still, moving):
 
 @kernel(**UNCOUNTED)
 def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, depth):
-    """Write safe[j] for a state at a step from marks, margins and the avoid tubes of `stored_tubes`, and return
-    the best input by depth: of the safe ones; where none is, the one whose larger of depth and avoid tube is
-    least; see `notebooks/site/queries.md`. margin, safe, depth (L,); scratch.marked and lattice are read.
+    """Write whether each input is safe to safe (L,), for a state at a step, and return the best input by depth.
+
+    An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
+    safe one of least depth; where none is safe, the one whose larger of depth and avoid tube is least, among those that
+    are marked if any is. See `notebooks/site/queries.md`.
+    margin, depth (L,). scratch.marked : of `_marked_by_all`.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -402,10 +427,10 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
 
 @kernel(**UNCOUNTED)
 def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
-    """Write to `out` (as for `decide`) the answers for the state states[m] by `stored_tubes` alone, without the look at
-    the true sets.
+    """Write to `out`, as for `decide`, the answers for the state states[m] by the tubes alone, not by the true sets.
 
-    when : (step, within). box : (ends, column). normals : as for `decide`. space : (order, lattice, scratch).
+    when : (step, within). box : (ends, column), as for `decide`, and the state's column in them. normals : as for
+        `decide`. space : (order, lattice, scratch), whose hull holds the boxes.
     """
     (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
@@ -432,9 +457,11 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def hull_of(ends, column, spacing, hull):
-    """Write to hull (2, ndim) the box that holds those of all inputs, segments included; returns how many nodes
-    it can touch at most, with one more on each axis. ends, as for `decide`, of the state in this column; spacing
-    (ndim,) of the nodes.
+    """Write to hull (2, ndim) the box that holds those of all inputs, segments included; how many nodes it touches.
+
+    At most so many are returned, with one more on each axis.
+
+    ends, column : as for `decide`, and the state's column in them. spacing (ndim,) : of the nodes.
     """
     size = 1.0
     for axis in range(ends.shape[2]):
@@ -450,8 +477,9 @@ def hull_of(ends, column, spacing, hull):
 
 @kernel(**UNCOUNTED)
 def hazards(stored_tubes, step, state, lattice, scratch, out):
-    """out[j] = the interpolated avoid tube of u_j, of `stored_tubes`, at a state (ndim,) on the lattice over the
-    interval from a step, <= 0 where u_j is safe; index and weight of `scratch` are overwritten.
+    """out[j] = the interpolated avoid tube of u_j at a state (ndim,) over the interval from a step; <= 0: u_j is safe.
+
+    The state must be finite. scratch.index and scratch.weight are overwritten.
     """
     still = corners(state, stored_tubes.static_axes, lattice, TINY, scratch.index[0], scratch.weight[0])
     moving = corners(state, stored_tubes.moving_axes, lattice, TINY, scratch.index[1], scratch.weight[1])
@@ -461,7 +489,7 @@ def hazards(stored_tubes, step, state, lattice, scratch, out):
 
 @kernel(inline="always")  # as its caller counts references, or does not
 def unpacked_lattice(ints, floats):
-    """The `Lattice` whose arrays are the first nine of the packed ones, ints and floats."""
+    """The `Lattice` whose arrays are the first nine of those packed in ints and floats: views."""
     lower, spacing, shape = part(ints, floats, 0), part(ints, floats, 1), part(ints, ints, 2)
     periodic, least, most = part(ints, ints, 3), part(ints, floats, 4), part(ints, floats, 5)
     left, first, extent = part(ints, floats, 6), part(ints, ints, 7), part(ints, ints, 8)
@@ -470,8 +498,9 @@ def unpacked_lattice(ints, floats):
 
 @kernel()
 def working_room(columns, ndim, inputs, size, segments, held):
-    """A new `LookupScratch` for so many hulls (`columns`), axes, inputs, nodes of a block (`size`) and segments,
-    and with the walls `held`.
+    """A new `LookupScratch` for one thread.
+
+    columns : how many hulls it has. size : how many nodes a block has room for. segments : K. held (2 ndim,) : walls.
     """
     around, spans, axes = (2, 1 << ndim), np.empty((2, ndim + 1), np.int64), np.empty(ndim, np.int64)
     for axis in range(ndim):
@@ -484,10 +513,12 @@ def working_room(columns, ndim, inputs, size, segments, held):
 
 @kernel(nogil=True)
 def avoid_values(states, step, ints, floats, static, moving, out):
-    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step, at a wall beyond it.
+    """out[m, j] = the interpolated avoid tube of u_j at states[m] over the interval from a step.
 
-    states (M, ndim); ints, floats, static, moving: what is packed and stored as for `decide`; out (M, L). Coordinates
-    must be finite.
+    Beyond an end of the grid, that at the end.
+
+    states (M, ndim) : finite. ints, floats : as `decide` has them in packs. static, moving : as in `StoredTubes`. out
+        (M, L) : overwritten.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here
@@ -499,8 +530,12 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
 @kernel(**UNCOUNTED)
 def _interpolated(where, row, tubes, lattice, scratch, found):
-    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,) on the lattice, as by `corners` and
-    `weighted`, but in loops that vectorise. scratch : arrays that are overwritten, see `tube_values`.
+    """found[m] = the interpolated tubes[row[m]] at where[m] (ndim,), as by `corners` and `weighted`.
+
+    In loops that vectorise.
+
+    row, found : (m,), of at most BLOCK points. lattice : the grid. scratch : arrays that are overwritten, see
+        `tube_values`.
     """
     (sides, index), (share, weight) = scratch
     here, there, count = sides[0], sides[1], found.size
@@ -525,10 +560,10 @@ def _interpolated(where, row, tubes, lattice, scratch, found):
 
 @kernel(nogil=True)
 def tube_values(points, places, tubes, ints, floats, out):
-    """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond a wall, its value at the wall.
+    """out[m, v] = the interpolated tubes[places[m]] at points[m, v]; beyond an end of the grid, that at the end.
 
-    points (M, V, ndim), places (M,), tubes (T, size), ints and floats, in which a lattice is packed, out (M, V).
-    Coordinates must be finite.
+    points (M, V, ndim) : finite. places (M,) : indices into tubes (T, size). ints, floats : in which a lattice is
+        packed. out (M, V) : overwritten.
     """
     (_, each, ndim), lattice = points.shape, unpacked_lattice(ints, floats)
     where, found, row = points.reshape(-1, ndim), out.reshape(-1), np.empty(BLOCK, np.int64)

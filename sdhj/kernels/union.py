@@ -20,10 +20,11 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """The avoid tubes of all inputs, static and moving ones, as rows of the grid: (L, r, B or 1), r rows of as many
-    nodes as the grid's, or with one value for all of them.
+    """The avoid tubes of all inputs as rows of the grid, static ones and moving ones.
 
-    Row static_at[i] and row moving_at[i] belong to row i of the grid; highest (L, r) is the greatest of a static row.
+    static, moving : (L, r, B), r rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row.
+    static_at, moving_at : (R,), for each row of the grid the number of its row in static, in moving.
+    highest : (L, r), the greatest value of each static row.
     """
 
     highest: FloatArray
@@ -35,8 +36,9 @@ class AvoidRows(NamedTuple):
 
 @_inlined
 def _write_reach_row(out, reach_sets, j, row):
-    """Write row number `row` of the reach set of the j-th of the inputs at hand, made of `reach_sets`, to out (B
-    + PAST,): see `add_inputs`.
+    """Write row number `row` of the reach set of an input to out (B + PAST,), in place.
+
+    j : the input's number among those in `reach_sets`, which are as for `add_inputs`.
     """
     if len(reach_sets) == 5:
         _write_minimum_row(out, reach_sets, j, row)
@@ -47,8 +49,10 @@ def _write_reach_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_maximum_row(out, values, leaves, j, row):
-    """Write row number `row` of the maximum of `values` over intervals that `leaves` describe for the j-th input
-    to out (B,): see `add_inputs`.
+    """Write row number `row` of a reach set, a maximum over intervals of `values`, to out (B,), in place.
+
+    leaves : the `Leaves`; j : the number of the leaf, which is that of the input. values : as for
+        `maximum_of_intervals`.
     """
     each = values.shape[3] // out.size
     node, start = row // each, row % each * out.size
@@ -58,9 +62,10 @@ def _write_maximum_row(out, values, leaves, j, row):
 
 @kernel(**UNCOUNTED)
 def _write_minimum_row(out, reach_sets, j, row):
-    """Write row number `row` of the minimum of the pieces in `reach_sets` of the j-th input to out (B + PAST,),
-    line by line, in whole vectors: what is written beyond a line's end is overwritten by the next. See
-    `add_inputs`.
+    """Write row number `row` of a reach set, the minimum of some pieces, to out (B + PAST,), in place.
+
+    Line by line, in whole vectors: what is written beyond a line's end is overwritten by the next line. reach_sets :
+    the second form of `add_inputs`. j : the number of the input among them.
     """
     values, begin, at, width, nodes = reach_sets
     lines = (out.size - PAST) // nodes
@@ -90,10 +95,11 @@ def _write_minimum_row(out, reach_sets, j, row):
 
 @kernel(**UNCOUNTED)
 def _raise_row(out, bound, highest, level):
-    """Raise a row, out (B,), in place to a bound of as many nodes, of which `highest` is the greatest, and return
-    `level`; where the bound has one value only, leave the row and return the greater of that and `level`.
+    """Raise a row, out (B,), to a bound in place, and return `level`; or raise `level` and leave the row as it is.
 
-    A bound that is nowhere higher than the row, as `highest` tells, is not even read: most of the time goes there.
+    The row is raised where the bound has a value for each node, `highest` being the greatest of these; where the bound
+    has one value, the greater of it and `level` is returned. A bound that is nowhere higher than the row, as `highest`
+    tells, is not even read: most of the time goes there.
     """
     if bound.size < out.size:
         return bound[0] if bound[0] > level else level
@@ -108,9 +114,10 @@ def _raise_row(out, bound, highest, level):
 
 @kernel(**UNCOUNTED)
 def _join(tube, marks, reach_sets, levels):
-    """tube = min(tube, v_q) and bit q of marks where v_q <= 0, for eight inputs, v_q = max(reach_sets[q],
-    levels[q]), of one row; in place. Marks lie in lanes as wide as the values, or the loop would not be
-    vectorised.
+    """tube = min(tube, v_q) and bit q of marks where v_q <= 0, for eight inputs, v_q = max(reach_sets[q], levels[q]).
+
+    In place, for one row: tube (B,), marks (B,), reach_sets (8, at least B), levels (8,). Marks are computed in lanes
+    as wide as the values, or the loop would not be vectorised.
     """
     for i in range(tube.size):
         best, found = tube[i], np.int32(0)
@@ -124,8 +131,10 @@ def _join(tube, marks, reach_sets, levels):
 
 @kernel(**UNCOUNTED)
 def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
-    """`add_inputs`, with its arguments, for one row and the inputs in range(*which); scratch: eight rows (8, B +
-    PAST) and eight levels, overwritten.
+    """`add_inputs` for one row, number `row`, and the inputs from which[0] to which[1] - 1.
+
+    scratch : eight rows (8, B + PAST) and eight levels (8,), overwritten. The other arguments are those of
+        `add_inputs`.
     """
     (found, levels), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):
@@ -146,16 +155,17 @@ def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch
 
 @kernel(parallel=True, least=FEW)
 def add_inputs(tube, marks, reach_sets, count, first, avoid_rows, before, which):
-    """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where the last is <= 0.
+    """tube = min(before, max(reach_j, avoid_j)) for `count` inputs j from `first` on, and marks where max(...) <= 0.
 
-    tube (R, B), marks (bytes, R, B), the grid in rows, both modified in place; before (R, B), which may be `tube`.
-    reach_sets, of the inputs from `first` on:
-        (values, *leaves), as `maximum_of_intervals` takes them, rows being parts of what lies behind its axis;
-        (values, begin, at, width, nodes): the least of some pieces, for each line of `nodes` nodes along the last axis:
+    tube (R, B), marks (bytes, R, B) uint8 : the grid in rows, both modified in place. before (R, B) : may be `tube`.
+    reach_sets : of the inputs from `first` on, in one of two forms.
+        (values, *leaves), as `maximum_of_intervals` takes them; rows are parts of what lies behind the axis of the
+        intervals.
+        (values, begin, at, width, nodes), the least of some pieces, for each line of `nodes` nodes along the last axis:
         piece p has width[p] values for a line, 1 or as many as nodes; those of input j begin at begin[p, j] in the flat
         values, and of them at[p, i] belong to line i of the grid.
     avoid_rows : the `AvoidRows`.
-    which : the rows that are written.
+    which : (n,), the rows that are computed; others are left as they are.
     """
     rows, size = which.size, tube.shape[1]
     blocks = min(rows, BLOCKS)

@@ -17,7 +17,7 @@ SPREAD = np.uint64(0x9E3779B97F4A7C15)  # an odd number with bits everywhere, wh
 
 @kernel(inline="always")
 def number_of(cell, counts):
-    """The flat number of a cell (ndim,) among counts (ndim,) of each axis, the last axis fastest."""
+    """The flat number of a cell (ndim,), indices on axes with counts (ndim,) cells, the last axis fastest."""
     number = 0
     for axis in range(cell.size):
         number = number * counts[axis] + cell[axis]
@@ -26,8 +26,9 @@ def number_of(cell, counts):
 
 @kernel(inline="always")
 def slot_of(number, keys):
-    """The place in keys (K,) at which the word of a cell with this number is kept, or is free for it; K is a
-    power of two, and some keys are free.
+    """The index in keys (K,) at which the word of a cell with this number is kept, or is to be kept: then it is `FREE`.
+
+    K is a power of two, and some keys are `FREE`.
     """
     slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
     while keys[slot] != number and keys[slot] != FREE:
@@ -37,14 +38,17 @@ def slot_of(number, keys):
 
 @kernel(nogil=True)
 def look_up(states, cells, slack, kept, within, most, out, missing):
-    """Write to `out` the answers of the words of the cells within slack (ndim,) of each state, (M, ndim); returns how
-    many words are missing.
+    """Write to `out` what the words say of the cells within slack (ndim,) of each state (M, ndim).
 
-    Of several cells those count from which the inputs have the fewest steps to go, at least `within`: their inputs are
-    united, and the first one's choice is the state's. Words of more than `most` steps say nothing.
+    Returns how many numbers were written to `missing`. If several cells are near a state, those count from which the
+    inputs have the fewest steps to go, at least `within`: their inputs are united, and the first one's choice is the
+    state's. Words with more than `most` steps say nothing.
 
-    kept: (keys (K,), words (K, 2 + ...)). out: (to_go (M,), safe (M, L), chosen (M,)), overwritten, -1 where there is
-    nothing; worthless where a word is missing. missing (n,): the numbers of cells without a word, as many as fit.
+    kept : (keys (K,), words (K, 2 + ...)), the hash table.
+    out : (to_go (M,), safe (M, L), chosen (M,)), overwritten; -1 where there is nothing. Not to be used while a word is
+        missing.
+    missing (n,) : overwritten with the numbers of cells that have no word, as many as there is room for; a number may
+        come twice.
     """
     (keys, words), (to_go, safe, chosen), lacks = kept, out, 0
     found = np.empty((1 << states.shape[1], states.shape[1]), np.int64)
@@ -76,8 +80,9 @@ def look_up(states, cells, slack, kept, within, most, out, missing):
 
 @kernel(nogil=True)
 def keep(numbers, some, keys, words):
-    """Keep the words `some` (n, ...) of the cells `numbers` (n,) in keys and words, in place; returns how many
-    are new. There has to be room for them.
+    """Keep the words some (n, ...) of the cells with flat numbers (n,) in keys and words, in place.
+
+    Returns how many of these are new; for these there has to be room.
     """
     new = 0
     for i in range(numbers.size):
@@ -89,8 +94,10 @@ def keep(numbers, some, keys, words):
 
 @kernel(nogil=True)
 def cells_near(states, cells, slack, rows, near):
-    """Write the cells within slack (ndim,) of states (M, ndim), near (n, ndim), and of which state each is, rows
-    (n,); returns how many they are.
+    """Write the cells within slack (ndim,) of states (M, ndim) to near; returns how many they are.
+
+    near (n, ndim), rows (n,) : overwritten with the cells, and with which state each is near to; 2^ndim for each state
+        is enough room.
     """
     found, count = np.empty((1 << states.shape[1], states.shape[1]), np.int64), 0
     for m in range(states.shape[0]):
@@ -102,10 +109,10 @@ def cells_near(states, cells, slack, rows, near):
 
 @kernel(nogil=True)
 def fewest_of_cells(some, cells, index, pool, out):
-    """out[m] = the number of the first of n nested sets that holds the cell some[m], (M, ndim), of `cells` (`Cells`), n
-    where none does.
+    """out[m] = the number of the first of n nested sets that has the cell some[m], of (M, ndim); n where none has.
 
-    index (n, R), pool (B, W): the numbers of the blocks of each row of the sets, and the blocks.
+    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, and the
+        blocks. out (M,) int64, overwritten.
     """
     for m in range(some.shape[0]):
         row, bit = row_and_bit(some[m], cells)
@@ -124,11 +131,13 @@ def fewest_of_cells(some, cells, index, pool, out):
 
 @kernel(nogil=True)
 def number_records(records, known, used, slots, out):
-    """out[i] = the number of records[i], (n, bytes), among the known ones (most, bytes), of which `used` are there; new
-    ones are added to these in place.
+    """out[i] = the number of records[i], of (n, bytes) uint8, among the known ones; new ones are added, in place.
 
-    slots (K,) int64: a hash table of numbers, -1 where there is none, K a power of two; in place. Returns how many are
-    known then, or -1 where there is no room for all: then nothing in `out` counts.
+    Returns how many are known then, or -1 where there is no room for all: then nothing in `out` counts, and records may
+    have been added.
+
+    known (most, bytes) : of which the first `used` rows count.
+    slots (K,) int64 : a hash table of these numbers, -1 where there is none, K a power of two; in place.
     """
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
@@ -151,11 +160,12 @@ def number_records(records, known, used, slots, out):
 
 @kernel(nogil=True)
 def pack_block(numbers, width, seen, out):
-    """Write a block's numbers (cells,) as bytes: how many bits an entry has, the palette's length in two, the palette
-    and the entries; returns how many bytes these are.
+    """Write a block's numbers (cells,) as bytes to `out`, in place; returns how many bytes these are.
 
-    The palette has the numbers in the order in which they come, each of `width` bytes. seen (words,) int64: scratch, -1
-    everywhere, which it is again in the end. out: room for the bytes.
+    In order: how many bits an entry has, a byte; the palette's length, two bytes; the palette, the different numbers in
+    the order in which they come, `width` bytes each; and for each cell an entry, its number's place in the palette.
+
+    seen (words,) int64 : scratch, -1 everywhere, as it is again in the end.
     """
     colours = 0
     for number in numbers:

@@ -39,7 +39,14 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 class ArmProof(Proof):
     """The images of an arm's cells over one interval, for the recursion and for questions about states.
 
-    Axes are the two joint angles and the agent's place (x, y).
+    The axes are the two joint angles and the agent's coordinates x and y. Sets of cells are packed: a row for each pair
+    of cells of the joints, in it a bit for each pair of cells of the agent.
+
+    Attributes
+    ----------
+    motion : ArmMotion
+        Images, tubes and where the arm is clear of the known obstacles; the fastest input has `parts` parts of an
+        interval.
     """
 
     motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
@@ -51,11 +58,14 @@ class ArmProof(Proof):
     def of(
         cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, allowed: FloatArray | None = None
     ) -> "ArmProof":
-        """The proof of an arm's problem, with all that does not depend on a set.
+        """The proof of an arm's problem, with all that depends on no set.
 
-        parts : of an interval under the fastest input. allowed (steps, L, n1, n2) bool : where the arm is clear of the
-        known obstacles, as of `clear_of_obstacles`; computed where it is None. ValueError for arms, speeds or numbers
-        of steps that are too large, MemoryError where it does not fit.
+        parts : into which an interval is cut under the fastest input; under slower ones into fewer.
+        allowed : (steps, L, n1, n2) bool, from where the arm is clear of the known obstacles; None:
+            computed (`clear_of_obstacles`).
+
+        ValueError for arms, speeds or numbers of steps that are too large, MemoryError where it does not fit into
+        memory.
         """
         stage, count = scene(problem), len(problem.inputs)
         arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
@@ -96,12 +106,15 @@ class ArmProof(Proof):
 
     @property
     def shell(self) -> FloatArray:
-        """How far off a cell a state counts as in it: `STATE_SLACK`, of an arm in metres (`sdhj.kernels.arm.links`)."""
+        """How far off a cell a state counts as in it, (4,): `STATE_SLACK`, in metres and radians."""
         return read_only(np.full(4, STATE_SLACK))
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
-        """Bytes that a solve with these cells takes at most, the sets that it finds apart."""
+        """The bytes that a solve with the cells `axes` takes at most, without the sets that it finds.
+
+        parts : into which an interval is cut under the fastest input.
+        """
         count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
         # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
         joints = n1 * n2 * problem.steps + max(n1, n2, nx, ny) * (64 + 96 * parts)
@@ -109,27 +122,30 @@ class ArmProof(Proof):
 
     @property
     def peak(self) -> int:
-        """Bytes that a solve takes at most, the sets that it finds apart."""
+        """The bytes that a solve takes at most, without the sets that it finds."""
         return self.needs(self.problem, self.axes, self.parts)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the arrays take in memory."""
+        """The bytes that the proof's arrays take in memory."""
         return sum(part.nbytes for part in self.motion if isinstance(part, np.ndarray))
 
     @cached_property
     def shape(self) -> tuple[int, int, int]:
-        """Shape of a packed set: cells of the two joints, and words of the cells (x, y)."""
+        """The shape (n1, n2, W) of a packed set: cells of both joints, and words of the cells (x, y) of the agent."""
         n1, n2, nx, ny = (axis.count for axis in self.axes)
         return n1, n2, -(-nx * ny // 64)
 
     @property
     def depends(self) -> FloatArray:
-        """Which axes images depend on along each axis, bool (4, 4): on this axis alone."""
+        """Which axes the image along each axis depends on, bool (4, 4): on this axis alone."""
         return read_only(np.eye(4, dtype=np.bool_))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
-        """The first and the last cell, each (M, 4), of what cells (M, 4) can lead to under inputs (M,) or one."""
+        """The first and the last cell, each (M, 4), of the images of cells `some` (M, 4) under inputs.
+
+        The last cell of a periodic axis may lie past its end. inputs : (M,) indices, or one for all. step : not used.
+        """
         at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
 
@@ -143,11 +159,12 @@ class ArmProof(Proof):
         among: FloatArray,
         lines: bool,
     ) -> FloatArray:
-        """Which of the inputs `among` (M, L) bool are certified for cells (M, 4) at a step: (M, L) bool.
+        """Which of some inputs are certified for cells `some` (M, 4), indices, at a step: (M, L) bool.
 
-        They stay clear and lead all of the cell into the set with ahead - 1 steps to go.
+        An input is certified if the arm stays clear and all of the cell is led into the set with ahead[m] - 1 steps to
+        go.
 
-        ahead (M,), sets and pool as there; `lines` does not matter.
+        ahead (M,), sets, pool, among : as for `GeneralProof.inputs`. lines : not used.
         """
         out = among.copy()
         arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
@@ -155,18 +172,21 @@ class ArmProof(Proof):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file's head: parts of an interval."""
+        """The proof's part of a file's head: the parts of an interval."""
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
-        """Write to an open file what is not quickly computed again: where the arm is clear of the known obstacles."""
+        """Write to an open file from where the arm clears the known obstacles; all else is quickly computed again."""
         file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod
     def load(
         cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "ArmProof":
-        """Read what `save` and `stated` wrote; ValueError where it does not fit the problem."""
+        """The proof that `save` wrote to a file, with what `stated` said in the head.
+
+        ValueError where it does not fit the problem and its cells; ValueError and MemoryError as of `of`.
+        """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
@@ -176,9 +196,9 @@ class ArmProof(Proof):
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
-        """For each input the cells from which the agent cannot touch the arm in an interval: each (n1, n2, W) uint64.
+        """The cells from which the agent cannot touch the arm in an interval, for each input: (n1, n2, W) uint64 each.
 
-        All of them where the agent does not pursue the arm.
+        All cells where the agent does not pursue the arm. progress : whether to show a bar, as for `sdhj.solve`.
         """
         motion, clear = self.motion, []
         for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
@@ -191,9 +211,13 @@ class ArmProof(Proof):
         return clear
 
     def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, changed: Any = None) -> None:
-        """Add to `cells`, S_k^{n-1}, those that an input takes into `following`, S_{k+1}^{n-1}: in place, (n1 n2, W).
+        """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place: add those that an input leads into `following`.
 
-        clear : what `prepare` returned. `changed` does not matter.
+        Sets are (n1 n2, W) uint64.
+
+        clear : what `prepare` returned.
+        following : S_{k+1}^{n-1}.
+        changed : not used.
         """
         motion, (n1, n2, words) = self.motion, self.shape
         eroded, scratch = following.copy(), np.empty((n1, n2 * words), np.uint64)
@@ -207,7 +231,7 @@ class ArmProof(Proof):
                 add_certified(scratch.reshape(self.shape), *second, allowed, clear[j], out)
 
     def goal(self, step: int) -> FloatArray:
-        """S_k^0, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k."""
+        """S_k^0 for k = step, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k."""
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
         still = read_only([joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)])
@@ -225,16 +249,17 @@ class ArmProof(Proof):
 
 
 def arm_numbers(stage: ArmScene) -> FloatArray:
-    """(l1, l2, turn), by which the tip is l1 e(q1) + l2 e(turn q1 + q2), e(a) = (cos a, sin a): as `Arm.joints` says.
+    """(l1, l2, turn): the tip is at l1 e(q1) + l2 e(turn q1 + q2), where e(a) = (cos a, sin a).
 
-    turn is 1 for relative joint angles, 0 for Eq. (8) as printed, whose second length is l1 + l2.
+    turn is 1 for relative joint angles, and 0 for Eq. (8) as printed, where l2 is the sum of both lengths
+    (`Arm.joints`).
     """
     l1, l2 = stage.arm.lengths
     return np.array([l1, l2, 1.0]) if stage.arm.kinematics == "relative" else np.array([l1, l1 + l2, 0.0])
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """Least and greatest coordinate of a state whose prediction is in each of the n cells of an axis, (n, 2)."""
+    """Least and greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2)."""
     edges, off = axes[axis].edges(), float(unknown(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
@@ -242,10 +267,13 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 def clear_of_obstacles(
     problem: ReachAvoidProblem, axes: Sequence[CellAxis], times: FloatArray, velocities: FloatArray, delta: float
 ) -> FloatArray:
-    """Joint cells from which the arm stays clear of the known obstacles during delta, s: (steps, L, n1, n2) bool.
+    """Whether the arm stays clear of the known obstacles from each cell of the joints: (steps, L, n1, n2) bool.
 
-    times (2^(h + 1) + 1, steps) cut each interval evenly, to be halved h times. velocities (2, L, 2) : of each joint
-    under each input, least and greatest.
+    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell.
+
+    times (2^(h + 1) + 1, steps) : the times that cut each step's interval evenly; the interval is halved h times at
+        most.
+    velocities (2, L, 2) : of both joints under each input, the least and the greatest.
     """
     stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)
@@ -262,12 +290,12 @@ def clear_of_obstacles(
 
 
 def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[FloatArray, FloatArray]:
-    """The window that the agent's cells need, as `packed.erode_packed` takes it: bits to shift by, and passes.
+    """The neighbours that a cell of the agent needs, as `erode_packed` takes them: (shifts, passes).
 
-    Shifts (2, offsets) : by how many bits the neighbours at the offsets of the widest window are away, along x and y.
-    Passes (2, offsets, W) uint64 : the cells that do not need this one, as it is beyond their own window, at a wall.
-    first, number (2, n) : images of cells, as of `CellAxis.image`, on the agent's two axes. ValueError where an agent
-    cannot stay where it is.
+    shifts (2, offsets) int64 : how many bits away the neighbours at all offsets are, along x and along y.
+    passes (2, offsets, W) uint64 : the cells that do not need the neighbour at an offset, as it is not in their image.
+    first, number (2, n) : the images of the agent's cells along x and along y, of `CellAxis.image`. ValueError where an
+        agent cannot stay where it is.
     """
     cells = np.stack(np.divmod(np.arange(agent.nx * agent.ny), agent.ny))
     low = np.take_along_axis(first, cells, axis=1) - cells

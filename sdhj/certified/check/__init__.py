@@ -3,7 +3,7 @@
 Nothing of the solver is used, neither its code nor its bounds: only the numbers in the file. What is proved, and how:
 
 1.  *The cells cover the axes*, in fractions; the period of an angle is an interval that holds 2 pi. (`uncovered`)
-2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`counted`)
+2.  *Sets grow*: S_k^{n-1} is a part of S_k^n, so that `within` means what it says. (`cells_added`)
 3.  *Reach*: under some input everything that a new cell of S_k^n can lead to lies in cells of S_{k+1}^{n-1}. The cells
     of an axis that the image of a cell may overlap are worked out in fractions, walls included (`overlapped`), and the
     whole product of the four lists has to be in the set. Along the agent's axes that product stays in one block of the
@@ -57,29 +57,39 @@ def verify(
     progress: bool | None = None,
     exported: str | os.PathLike[str] | None = None,
 ) -> Verdict:
-    """Check the certified sets in an HDF5 file.
+    """Check the certified sets in an HDF5 file, by code and numbers that share nothing with the solver.
 
     Parameters
     ----------
     path : path
+        The file that `table.save` wrote.
     problem : ReachAvoidProblem, optional
-        Of a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
+        For a robot of one's own with black boxes, whose functions are not in the file: `problem.black_box(name)`. All
         else is in the file, and is not compared with the problem: `sdhj.load(path, problem=...)` does that first.
     samples : int or None
-        How many rows are drawn at random, each checked with all its claims; None checks every row. Of a robot of one's
+        How many rows are drawn at random, each checked with all its claims; None checks every row. For a robot of one's
         own: how many cells; bounds on its functions are then compared with Arb's arithmetic, too, where python-flint is
         installed (`pip install sdhj[arb]`).
     seed : int
+        Of what is drawn, at least 0.
     progress : bool, optional
-        Show a progress bar; by default where standard error is a terminal.
+        Whether to show progress bars; by default where standard error is a terminal.
     exported : path, optional
-        `sdhj_table.bin`, exported of these sets: that every word of it is within what is proved of them (`exported`).
+        An `sdhj_table.bin` that was exported from these sets: checks as well that every word of it is within what is
+        proved of the sets (`exported`).
+
+    Returns
+    -------
+    Verdict
+        All claims, with what was not proved of each; `ok` if nothing failed.
 
     Raises
     ------
     ValueError
-        Where the file holds no certified sets of a case study, is damaged, or has numbers that are too large for the
-        check; and for samples or a seed that make no sense.
+        Where the file holds no certified sets, is damaged, or has numbers that are too large for the check; where it
+        needs a problem that is not given; and for samples or a seed that make no sense.
+    OSError
+        Where the file cannot be read.
     MemoryError
         Where more memory is needed than is free, before any is taken.
     """

@@ -25,17 +25,20 @@ PRECISION = 200  # bits
 
 
 def whole(a: Any) -> Any:
-    """The whole number that all of a ball is rounded down to, floor(a); None where there is more than one."""
+    """floor(a), the whole number that all numbers of a ball are rounded down to; None where there are several."""
     return a.floor() if a.floor().is_exact() else None
 
 
 def compared(truth: Callable[[Any, Any], bool], opposite: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
-    """A comparison as a function of two balls: 1 where `truth` is sure of both, 0 where `opposite` is, else None."""
+    """A comparison as a function of two balls: 1 where it surely holds, 0 where it surely does not, else None.
+
+    truth, opposite : whether the comparison, or its opposite, holds for all numbers of two balls.
+    """
     return lambda a, b: flint.arb(1) if truth(a, b) else flint.arb(0) if opposite(a, b) else None
 
 
 def mod(a: Any, b: Any) -> Any:
-    """a - b floor(a / b) of balls; None where b may be 0 or the floor is not one number."""
+    """a - b floor(a / b) for balls a and b; None where b may be 0 or the floor is not one number."""
     lap = whole(a / b) if b != 0 else None
     return None if lap is None else a - lap * b
 
@@ -78,11 +81,12 @@ IN_BALLS: dict[str, Callable[..., Any]] = {  # what is None, or not finite, is u
 
 
 def interpolated(*given: Any) -> Any:
-    """The ball of the multilinear interpolation of a table, clipped at the ends of its axes; None where it is open.
+    """The ball of the multilinear interpolation of a table at a point, clipped at the ends of its axes.
 
-    It is where a ball leaves open between which nodes it lies.
+    None where a coordinate's ball leaves open between which nodes it lies.
 
-    given : the operands, balls, one for each axis; then table, lower, spacing and one more that is not used.
+    given : the coordinates, a ball for each axis; then the table, `lower` and `spacing` of its nodes, and one more that
+        is not used.
     """
     *at, table, lower, spacing, _ = given
     places, shares, value = [], [], flint.arb(0)
@@ -102,9 +106,10 @@ def interpolated(*given: Any) -> Any:
 
 
 def of_node(node: Node, values: dict[int, Any], point: Sequence[float], parameters: Sequence[float]) -> Any:
-    """The ball that holds a node's value, from those of its operands, by their numbers; None where undefined or open.
+    """The ball that holds the value of a node, from the balls of its operands; None where undefined or left open.
 
-    point : the coordinates; parameters : the time and what else the formula is given.
+    values : the balls of earlier nodes, by their numbers. point : the coordinates. parameters : the time, and what else
+        the formula is given.
     """
     operands = [values[number] for number in node.operands]
     if node.name in ("x", "p", "const"):
@@ -119,7 +124,10 @@ def of_node(node: Node, values: dict[int, Any], point: Sequence[float], paramete
 
 
 def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[float]) -> list[Any]:
-    """A ball for each result at a point; None where it is undefined, or a ball leaves open which side it is on."""
+    """A ball for the value of each result of a formula at a point; None where it is undefined, or left open by balls.
+
+    point, parameters : as for `of_node`.
+    """
     values: dict[int, Any] = {}
     with flint.ctx.workprec(PRECISION):
         for number in formula.needed:
@@ -129,11 +137,14 @@ def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[flo
 
 
 def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float], seed: int) -> tuple[int, list[Any]]:
-    """How many values at a random state of each box (M, coordinates) were compared with the formula's bounds; and those
-    that are beyond them, as (state, ball, least, greatest).
+    """Compare a formula's bounds with balls at a random state of each box: (values compared, those beyond the bounds).
 
-    Bounds are those over the box and those over the state alone, which leave room for rounding only. Any adversary of a
-    `velocity` pushes from -1 to 1.
+    low, high : (M, coordinates), the corners of the boxes. Bounds over the box are compared, and bounds over the state
+        alone, which leave room for rounding only. Values for which a ball leaves something open are not counted.
+    times : the least and the greatest time, s, of which one is drawn. The components of a disturbance that a velocity
+        reads are drawn from -1 to 1.
+
+    What is beyond its bounds is returned as (state, ball, least, greatest).
     """
     rng, pushes = np.random.default_rng(seed), max((n.given[0] for n in formula.nodes if n.name == "p"), default=0)
     points = rng.uniform(low, high)

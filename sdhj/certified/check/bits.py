@@ -29,14 +29,15 @@ UNCOUNTED: Any = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """A decorator: compile a function by `numba.njit(**options)`, and keep the code on disk, where that can be.
+    """A decorator that compiles a function by `numba.njit(**options)` and keeps the machine code on disk.
 
-    It is compiled anew when any file of this folder has changed or the kept code is damaged. Numba alone looks at one
-    file only, and runs what is damaged.
+    Kept code is read in later processes, unless any file of this folder has changed or the code is damaged: then the
+    function is compiled anew, as it is where no folder can be written. Numba's own cache looks at one file only, and
+    runs damaged code.
     """
 
     def compile_it(function: Any) -> Any:
-        """The compiled function; kept on disk, authenticated, where a folder can be written."""
+        """The compiled function; its code is kept on disk behind a digest, where a folder can be written."""
         try:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for it can be written
@@ -51,19 +52,22 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class Kept:
-    """In place of one of Numba's cache files: machine code in files that begin with a digest, of it and the sources."""
+    """Machine code kept on disk, in files that begin with a digest of the code and of the sources it was made of.
+
+    It stands in for an object of Numba, the files of its cache, and has the methods `load` and `save` that Numba calls.
+    """
 
     def __init__(self, files: Any) -> None:
-        """Code kept in Numba's cache `files`, stamped with Numba's version and with the sources of this folder."""
+        """Keep code in the folder of Numba's cache `files`, stamped with Numba's version and this folder's sources."""
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
-        """The path of the file of the code for a signature, `key`."""
+        """The path of the file of the code for a key, Numba's signature and target."""
         name = f"{self.files._index_name}.{blake2b(repr(key).encode(), digest_size=16).hexdigest()}"
         return Path(self.files._cache_path) / name
 
     def load(self, key: Any) -> Any:
-        """Read the code for a signature, `key`; None where the digest or signature is another, OSError without it."""
+        """The code that is kept under a key; None where a digest or the key does not fit. OSError without a file."""
         whole = self.place(key).read_bytes()
         if whole[:64] != blake2b(self.made_of + whole[64:]).digest():
             return None
@@ -71,7 +75,7 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Write the code `data` for a signature, `key`, behind its digest; the file appears whole or not at all."""
+        """Keep the code `data` under a key, behind its digest; the file appears whole or not at all."""
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)
@@ -118,15 +122,15 @@ def unpacked(some: Array, count: int) -> Array:
 
 
 def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """Write to `out`, for every block of `pool`, the cells (x, y) for which it has all of along_x[x] x along_y[y].
+    """For every block of `pool` write the cells (x, y) for which it has all of along_x[x] x along_y[y] to `out`.
 
-    Both are (blocks, words) uint64, and threads may share the blocks out. along_x (nx, most), along_y (ny, most) :
-    lists of cells on an axis, the last one repeated
+    pool, out : (blocks, words) uint64; blocks do not depend on one another, so threads may share them out.
+    along_x (nx, most), along_y (ny, most) : for each cell of an axis the cells that are needed, the last one repeated.
     """
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 
     def packed(flags: Array) -> Array:
-        """Flags as bits of 64-bit words, the first in the lowest bit."""
+        """Flags (cells,) bool as bits of 64-bit words, the first in the lowest bit."""
         return np.packbits(np.pad(flags, (0, 64 * words - flags.size)), bitorder="little").view(np.uint64)
 
     for axis, along, stride in ((0, along_x, len(along_y)), (1, along_y, 1)):  # check 3.7

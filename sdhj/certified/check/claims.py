@@ -15,11 +15,13 @@ COVER, GROW, GOALS, ARRIVE, NEARER = (
 
 @dataclass(frozen=True)
 class Claim:
-    """One kind of claim: how many a file makes, how many of them were checked, and what was not proved.
+    """One kind of claim: how many of these a file makes, how many were checked, and which were not proved.
 
-    failures : a text for each case that was not proved, or the first where `number` says how many there are.
-    boundary : how many of the cells made, and of those checked, have a neighbour outside their set; None where it means
-    nothing.
+    name : what is claimed.
+    made, checked : numbers of claims.
+    failures : a text for each claim that was not proved, or for the first ones where `number` says how many there are.
+    boundary : how many of the cells of which a claim is made, and of those checked, have a neighbour outside their set;
+        None where that means nothing.
     """
 
     name: str
@@ -31,11 +33,11 @@ class Claim:
 
     @property
     def failed(self) -> int:
-        """How many of the checked cases were not proved."""
+        """The number of checked claims that were not proved."""
         return len(self.failures) if self.number is None else self.number
 
     def __str__(self) -> str:
-        """The claim in a line, and its first failures."""
+        """The claim in a line, and below it the first `SHOWN` failures."""
         held = "proved" if self.checked == self.made else "no fault in these"  # a sample proves nothing of the rest
         verdict = held if self.failed == 0 else f"{self.failed:,} NOT proved"
         edge = "" if self.boundary is None else " ({1:,} of {0:,} at the boundary)".format(*self.boundary)
@@ -45,15 +47,15 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of `verify`: which claims were checked, and which failed."""
+    """The result of `verify`: all claims of a file, with what was checked and what was not proved of each."""
 
     claims: tuple[Claim, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether no case of any claim failed."""
+        """Whether nothing that was checked failed, in any claim."""
         return all(claim.failed == 0 for claim in self.claims)
 
     def __str__(self) -> str:
-        """The claims, one after the other."""
+        """The claims, one below the other."""
         return "\n".join(str(claim) for claim in self.claims)

@@ -24,9 +24,10 @@ Times = tuple[float, float]
 
 
 class Grid:
-    """The axes of the state: `lower`, `upper` and `spacing` of the nodes, lists of a number for each axis.
+    """The axes of the state: lists `lower`, `upper` and `spacing`, the ends of each axis and the spacing of its nodes.
 
-    periodic (ndim,) bool. ends : for each axis a pair of "unsafe", "wall" or "safe".
+    periodic : (ndim,) bool.
+    ends : for each axis the names of its lower and its upper end, "unsafe", "wall" or "safe".
     """
 
     def __init__(self, head: Mapping[str, Any]) -> None:
@@ -49,29 +50,36 @@ class Grid:
 
 
 class BlackBox:
-    """A function that is no formula, by what its author states of it.
+    """A function that is no formula, bounded by what its author states of it.
 
-    given : has `enclosure(low, high, t0, t1)` or None, `slope` (a number, one for each axis, or a row of these for each
-    component) and `rate` (a number, or one for each component) or None, and is callable with points and a time.
-    results, components : how many results it has for a box, and of how many components.
-    inputs : of drift and gain the input, which is handed over before times.
+    name : in errors.
+    given : the function, callable with points, an input if there is one, and a time. Its attributes are `enclosure`, a
+        function of low, high, an input if there is one, and two times, or None; `slope`, None, a number, one for each
+        axis, or a row of these for each component; and `rate`, None, a number, or one for each component.
+    results, components : how many numbers it returns for a point, in how many components.
+    inputs : for drift and gain a tuple of the one input, which is handed over before the times; else empty.
     """
 
     def __init__(
         self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
     ) -> None:
-        """The function `given`, called `name` in errors; the other arguments are those of the class."""
+        """Keep the arguments, which are those of the class."""
         self.name, self.given, self.inputs = name, given, inputs
         self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether it may read the coordinates, leaf "x": always; or the time, "p": unless its rate is 0."""
+        """Whether it may depend on the coordinates, leaf "x": always; or on the time, leaf "p": unless its rate is 0.
+
+        number : not used; of a formula, which coordinate or parameter.
+        """
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """Least and greatest values that its author states for boxes (M, coordinates) and `times`: both (M, results).
+        """The least and the greatest values, as its author states them, over boxes and times: both (M, results).
 
         They are tried at a random state of each box, at both times; ValueError where a value is beyond them.
+
+        low, high : (M, coordinates). times : from s to s.
         """
         least, most = self.stated(low, high, times)
         for time in times:
@@ -84,8 +92,10 @@ class BlackBox:
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds, both (M, results), by its enclosure or by slope and rate: value in the middle +- their change to the
-        ends; NaN where they are not finite. ValueError where neither is stated.
+        """The bounds, both (M, results), that the author states, by an enclosure or else by slope and rate.
+
+        By slope and rate: the value in the middle of the box and of the times, +- slope |half width| + rate * half the
+        duration, rounded outward. NaN where a bound is not finite. ValueError where neither is stated.
         """
         if self.given.enclosure is not None:
             least, most = self.given.enclosure(low, high, *self.inputs, *times)
@@ -95,7 +105,10 @@ class BlackBox:
         expect(stated, f"the black box {self.name} must have an enclosure, or a slope and a rate", (slope, rate))
 
         def change(by: Array, duration: float) -> Array:
-            """At most how far values change over displacements `by` and a duration: slope |by| + rate duration."""
+            """At most how far values change over displacements `by` (M, coordinates) and a duration, s: (M, results).
+
+            slope |by| + rate * duration.
+            """
             # check 1.13
             far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
             far = far + duration * (0.0 if rate is None else np.array(rate))  # check 1.14
@@ -107,21 +120,21 @@ class BlackBox:
         return intervals.sure(value - each, value + each)
 
     def shaped(self, answer: Any) -> Array:
-        """An answer of the function as (M, results)."""
+        """What the function has returned for M points as float64 (M, results)."""
         return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
 
 
 class OfInputs:
-    """A function that each input has its own of, over boxes of many inputs at once.
+    """A function of which every input has its own, such as the drift: bounds over boxes of many inputs at once.
 
-    Formulas that differ in constants alone are one, of which these are parameters: so it takes as long for many inputs
-    as for one with as many boxes.
+    Formulas that differ in constants alone are evaluated as one, of which these constants are parameters: many inputs
+    then take no longer than one with as many boxes.
     """
 
     def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
-        """From `each`, the function of every input, a formula or a black box, with so many results.
+        """Sort the functions `each`, a `Formula` or a `BlackBox` for every input, with so many results, into kinds.
 
-        parameters : how many formulas have; their constants become parameters behind these.
+        parameters : how many parameters the formulas have already; constants become parameters behind these.
         """
         self.results = results
         self.kinds: list[tuple[Any, Any]] = []  # a function, and constants (inputs, K)
@@ -144,9 +157,12 @@ class OfInputs:
         self.constant = known and not (form.reads("x") or form.reads("p"))  # check 3.88
 
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
-        """Least and greatest values under `inputs` (M,) over boxes low, high (M, coordinates): both (M, results).
+        """The least and the greatest values under inputs (M,) over boxes (M, coordinates): both (M, results).
 
-        Both are (1, results) where all inputs have one value everywhere.
+        Both are (1, results) where all inputs have one constant value.
+
+        parameters : a pair of numbers or arrays (M,) for each parameter, its least and greatest value; the first is the
+            time.
         """
         if self.constant:
             return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
@@ -163,7 +179,12 @@ class OfInputs:
 
 @dataclass(frozen=True)
 class Part:
-    """The target or an unsafe set, where its function of the coordinates on `axes`, and the time, is <= 0."""
+    """The target or an unsafe set: where its function of the coordinates on `axes`, and of the time, is <= 0.
+
+    name : in claims and errors.
+    inputs : the indices of the inputs under which an unsafe set is unsafe; None: under all, and a state in it is
+        unsafe, too.
+    """
 
     name: str
     axes: tuple[int, ...]
@@ -171,12 +192,12 @@ class Part:
     inputs: tuple[int, ...] | None = None  # under which an unsafe set is unsafe; None: under all, and a state in it too
 
     def counts(self, j: int) -> bool:
-        """Whether the set is unsafe under an input."""
+        """Whether the set is unsafe under input j."""
         return self.inputs is None or j in self.inputs  # check 4.50
 
     @property
     def least_of(self) -> Sequence[Formula | BlackBox]:
-        """The functions of whose values that of the set is the least."""
+        """The functions of which the set's function is the least: a list of it alone for a black box."""
         return self.function.least_of if isinstance(self.function, Formula) else [self.function]
 
     @property
@@ -186,10 +207,18 @@ class Part:
 
 
 class Functions:
-    """The formulas and the black boxes of a file, by name; `problem` has the functions of the latter."""
+    """The functions of a file by name, formulas and black boxes; what is no formula is taken from the problem given.
+
+    texts : the head's entry of each formula. opaque : for each black box why it is one. problem : has
+        `black_box(name)`, or is None.
+    """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        """Read which functions are formulas and which are black boxes; ValueError where one is both."""
+        """Read which functions are formulas and which are black boxes; ValueError where a name is both.
+
+        head : of the file. arrays : the open file, for tables of formulas. problem : the problem given beside the file,
+            or None.
+        """
         formulas = head["formulas"]
         expect(formulas["format"] == 1, "formulas must be of format 1", formulas["format"])  # check 7.17
         self.texts, self.opaque = formulas["functions"], dict(formulas["opaque"])
@@ -198,11 +227,14 @@ class Functions:
         self.tables: dict[int, Array] = {}
 
     def __contains__(self, name: str) -> bool:
-        """Whether the file has a function of that name."""
+        """Whether the file has a function of that name, as a formula or as a black box."""
         return name in self.texts or name in self.opaque
 
     def table(self, number: int, axes: int) -> Array:
-        """The array of a numbered table of the file; ValueError unless it has so many axes, or is too large."""
+        """The array of the table with this number in the file, read once and kept.
+
+        ValueError unless it has `axes` axes, or where all tables together are too large.
+        """
         if number not in self.tables:
             group = self.arrays.get("tables", getlink=True)
             expect(isinstance(group, h5py.HardLink), "tables must be in the file itself", group)
@@ -214,21 +246,21 @@ class Functions:
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
-        """Read the formula of a name, of so many coordinates and parameters; ValueError if the file has none such."""
+        """Read the formula of a name, with so many coordinates and parameters; ValueError if the file has none such."""
         expect(name in self.texts, f"there must be a formula {name}", [*self.texts])  # check 7.18
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
     def black_box(self, name: str) -> Any:
-        """The black box of that name, of the problem that was given; ValueError if that has none."""
+        """The black box of that name, from the problem that was given; ValueError if that problem has none."""
         try:
             return self.problem.black_box(name)
         except (AssertionError, AttributeError, LookupError):
             expect(False, "the problem given must have the black box of the file", name)
 
     def part(self, name: str, given: Mapping[str, Any], ndim: int, count: int = 0) -> Part:
-        """Read a set: its function by `name`, and what the head says of it, `given`; ValueError where that is wrong.
+        """Read a set: its function, by `name`, and what the head says of it, `given`; ValueError where that is wrong.
 
-        ndim, count : how many axes and, for an unsafe set, inputs there are.
+        ndim : the number of axes. count : the number of inputs, for an unsafe set.
         """
         axes = given["axes"]
         fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})  # check 7.24
@@ -244,7 +276,10 @@ class Functions:
         return Part(str(given["name"]), tuple(axes), own, tuple(inputs))
 
     def parts(self, head: Any, ndim: int, count: int) -> tuple[Part | None, list[Part]]:
-        """Read the target, None if there is none, and the unsafe sets, by the head's list; ValueError if wrong."""
+        """Read the target, None if there is none, and the list of the unsafe sets; ValueError where something is wrong.
+
+        head : the head's list of sets, the target first. ndim, count : the numbers of axes and of inputs.
+        """
         kinds = [given["kind"] for given in head]
         first = int("target" in kinds)
         fits = kinds == ["target"] * first + ["unsafe"] * (len(kinds) - first)  # check 7.25
@@ -254,10 +289,18 @@ class Functions:
 
 
 class Velocity:
-    """Bounds on the velocity under each input: drift + gain v, or velocity(v), |v| <= bounds in each component."""
+    """Bounds on the velocity under each input: drift + gain v, or velocity(v), with |v| <= bounds in each component.
+
+    linear : whether it is drift + gain v. adversaries : the number of components of v.
+    own : for each of the names "bounds", "drift" and "gain", or "velocity", the function of every input. of : for each
+        name an `OfInputs` of these. all : all functions in a list.
+    """
 
     def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
-        """Read these functions for each of the inputs; ValueError where one has not as many results as it has to."""
+        """Read the functions for each of the inputs; ValueError where one has a wrong number of results.
+
+        functions : the file's `Functions`. inputs : the head's list of inputs.
+        """
         n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
         d = len(bounds.results) // len(inputs)
         fits = len(bounds.results) == d * len(inputs) and d <= MOST_COUNTED  # check 7.19
@@ -297,10 +340,11 @@ class Velocity:
         return any(one.reads("p", 0) for one in self.all)
 
     def steady(self, axis: int, sensed: bool) -> bool:
-        """Whether the velocity along an axis is always in one range, whatever the state and the time.
+        """Whether the velocity along an axis always lies in one range, whatever the state and the time.
 
-        With measurements that err (`sensed`), or where that is not known of one axis alone, along all axes. Then
-        whoever a wall holds back is where it could be without the wall, clipped.
+        Then a state that a wall holds back is where it would be without the wall, clipped. With measurements that err
+        (`sensed`), with black boxes, or if the velocity is not drift + gain v, it is asked of the velocity along all
+        axes.
         """
         some = self.all
         if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
@@ -308,9 +352,10 @@ class Velocity:
         return not self.timed and not any(one.reads("x") for one in some)  # check 1.6
 
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
-        """Least and greatest velocity under inputs (M,) and any adversary, or none, over boxes (M, ndim).
+        """The least and the greatest velocity under inputs (M,) over boxes (M, ndim) and times: both (M, ndim).
 
-        Both are (M, ndim), or (1, ndim) where it is the same everywhere.
+        pushed : under any adversary; if False, under none. Both are (1, ndim) where the velocity is the same
+            everywhere.
         """
         half = np.zeros((1, self.adversaries))
         if pushed:  # check 3.31

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from sdhj.certified.check.arm.claims import Arm, erode_all, overlapped, shared
+from sdhj.certified.check.arm.claims import Arm, erode_all, in_threads, overlapped
 from sdhj.certified.check.arm.rows import Stored, words_hold
 from sdhj.certified.check.arm.separation import STATE_ERROR
 from sdhj.certified.check.bits import Array
@@ -39,13 +39,16 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
-    """An exported file as read: numbers of its head, `ids` of the words of cells, and `fields`, by name, of each word.
+    """An exported file as it was read: the numbers of its head, its blocks and words, and its images.
 
-    A field is (words,) int64, or (words, L) bool where it says inputs.
+    fields : by name, of each word; "steps" and "select" as (words,) int64, fields of inputs as (words, L) bool.
+    images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
+        index; leads is 0 where there are none.
+    starts : the number of steps with words of their own.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Read an exported file; ValueError where a digest, a length or a number does not fit."""
+        """Read an exported file; ValueError where a digest, length or number does not fit, OSError without a file."""
         version, data = _whole(path)
         numbers = struct.unpack_from("<17I", data, 16)
         size, ndim, inputs, components, self.steps, self.starts, fields, self.brake = numbers[:8]
@@ -87,7 +90,7 @@ class Words:
         self.fields = _fields(found, inputs)
 
     def ids(self, start: int) -> Array:
-        """The number of each cell's word at a start: (cells,) uint32, the last axis fastest."""
+        """The number of each cell's word at the start `start`: (cells,) uint32, the last axis fastest."""
         ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
@@ -95,7 +98,7 @@ class Words:
 
 
 def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version of an exported file and its bytes; ValueError for other versions, and where a digest does not fit."""
+    """The version and the bytes of an exported file; ValueError if the version or a digest does not fit."""
     data = Path(path).read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
@@ -106,15 +109,15 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
 
 def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """The arrays of these shapes, as int, that lie one behind the other in bytes, each number in 16 signed bits."""
+    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits."""
     each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
 
 
 def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
-    """The fields of words by name: steps and select as (words,) int64, others as bits of inputs, (words, inputs) bool.
+    """The fields of words by name: "steps" and "select" as (words,) int64, others as bool (words, inputs).
 
-    found : their bytes, (words, bytes) uint8 each.
+    found : the bytes of each field, (words, bytes) uint8. inputs : how many inputs there are.
     """
     return {
         name: _numbers(some.tobytes(), some.shape[1])
@@ -125,15 +128,16 @@ def _fields(found: dict[str, Array], inputs: int) -> dict[str, Array]:
 
 
 def _numbers(data: bytes, width: int) -> Array:
-    """The unsigned whole numbers of `width` bytes each, lowest first, that bytes consist of: (n,) int64."""
+    """The whole numbers in bytes, unsigned, each of `width` bytes, the lowest byte first: (n,) int64."""
     each = np.frombuffer(data, np.uint8).reshape(-1, width).astype(np.int64)
     return each @ (1 << 8 * np.arange(width))
 
 
 def _body(data: bytes, at: int, cells: int, width: int) -> Array:
-    """The numbers of the words of a block's cells, (cells,) uint32, from its body, which begins at data[at].
+    """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
 
-    A body is a palette of words, `width` bytes each, and for each cell its place in it. ValueError where it is none.
+    A body is a palette of numbers of words, `width` bytes each, and for each cell its place in the palette. ValueError
+    where it is none.
     """
     bits, colours = struct.unpack_from("<BH", data, at)
     begin = at + 3 + colours * width
@@ -147,16 +151,18 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 
 
 def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
-    """All claims of an exported table, checked against the sets of the table's file and its head.
+    """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
 
-    Where cells or inputs are another table's, nothing more is checked. silent : without a progress bar.
+    Only the first where the exported table has other cells or inputs.
+
+    sets : a `Robot` or an `Arm`. silent : show no progress bar.
     """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
     if wrong:
         return
     counted: dict[str, list[Any]] = {name: [0, []] for name in words.fields}
-    of_a_start = _of_arm(words, sets, silent) if isinstance(sets, Arm) else _of_robot(words, sets, silent)
+    of_a_start = _check_arm(words, sets, silent) if isinstance(sets, Arm) else _check_robot(words, sets, silent)
     for name, made, failures in of_a_start:
         counted[name][0] += made
         counted[name][1] += failures
@@ -168,7 +174,7 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 
 def images_differ(words: Words, sets: Any) -> Iterator[str]:
-    """A text for each step, input and axis whose exported images are not those that the table's file proves."""
+    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves."""
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):
             said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
@@ -184,9 +190,9 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
 
 
 def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
-    """Whether the exported images of an arm along an axis under u_j are the cells that `overlapped` works out.
+    """Whether the exported images of an arm along an axis under u_j are exactly the cells that `overlapped` derives.
 
-    said (n, 2) : first and last cell, from each cell's own on.
+    said (n, 2) : the first and the last cell of each image, less the cell's own index.
     """
     n, drift = int(sets.counts[axis]), sets.scene.inputs()[j][axis] if axis < 2 else Fraction(0)
     push = sets.scene.push(axis)
@@ -200,7 +206,10 @@ def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
-    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file."""
+    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
+
+    sets, head : as for `claims`. [] if all agree.
+    """
     own, near = (
         [*zip(sets.axes, sets.layers, strict=True)],
         np.full(len(words.counts), STATE_ERROR) if isinstance(sets, Arm) else sets.near,
@@ -235,13 +244,17 @@ def differences(words: Words, sets: Any, head: Any) -> list[str]:
     return [f"{name}: {mine} and not {theirs}" for name, (mine, theirs) in pairs.items() if mine != theirs]
 
 
-def asked(
+def claims_of_inputs(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, Array, Array]]:
-    """For each field of inputs that lead to the target: its name, which inputs it has of each word, (words, L) bool,
-    and in how many steps they are claimed to lead there from each cell, (cells,), 0 where nothing is claimed.
+    """Yield each field of inputs that lead on: its name, the inputs of each word, and the steps to go that it claims.
 
-    ids (cells,) : the cells' words. fewest (cells,) : steps to go by the table's file. left : the steps that are left.
+    (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
+    set with one step less to go; nothing is claimed of a cell with 0.
+
+    ids (cells,) : the cells' words.
+    fewest (cells,) : the steps to go by the table's file.
+    left : the steps that are left.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
@@ -255,12 +268,13 @@ def asked(
             yield name, some, np.full(len(ids), left)
 
 
-def of_steps(
+def claims_of_steps(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, int, Array]]:
-    """Claims that cells are in sets: the field, how many claims are made, and the cells for which they are false.
+    """For each field that claims cells to be in a set: its name, how many claims it makes, and the cells of false ones.
 
-    ids (cells,) : the cells' words. fewest (cells,) : steps to go by the table's file. left : the steps that are left.
+    ids (cells,) : the cells' words. fewest (cells,) : the steps to go by the table's file. left : the steps that are
+        left.
     """
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
@@ -273,7 +287,10 @@ def of_steps(
 
 
 def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
-    """The fewest steps to go from each cell at a start by the sets of the file, left + 1 for none: (cells,)."""
+    """The fewest steps to go from each cell at a start, by the sets of the table's file: (cells,), left + 1 for none.
+
+    left : the steps that are left. Without a target it is `left` for cells that stay clear for all of them.
+    """
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
     out = np.full(math.prod(sets.counts.tolist()), left + 1)
@@ -282,12 +299,15 @@ def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     return out
 
 
-def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
-    """Check the words of a robot of one's own: names of fields, how many claims each makes, a text for false ones."""
+def _check_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    """Check the words of a robot of one's own: yield a field's name, how many claims it makes, texts of false ones.
+
+    A field is yielded several times: for each start, number of steps and input.
+    """
     for start in tqdm(range(words.starts), desc="exported", disable=silent):
         ids, left = words.ids(start), words.steps - start
         fewest = _fewest(sets, start, left, sets.has_no_target)
-        for name, made, bad in of_steps(words, ids, fewest, left, sets.has_no_target):
+        for name, made, bad in claims_of_steps(words, ids, fewest, left, sets.has_no_target):
             yield name, made, [f"start {start}, cell {cell}" for cell in bad]
         if "clear" in words.fields:
             clear = np.unpackbits(
@@ -296,7 +316,7 @@ def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, in
             claimed = words.fields["clear"][ids]
             bad = np.flatnonzero((claimed & ~(clear.astype(bool) if left else clear > 1)).any(axis=1))
             yield "clear", int(claimed.sum()), [f"start {start}, cell {cell}" for cell in bad]
-        several = list(asked(words, ids, fewest, left, sets.has_no_target))
+        several = list(claims_of_inputs(words, ids, fewest, left, sets.has_no_target))
         for ahead in np.unique(np.concatenate([steps for *_, steps in several])).tolist() if several else []:
             sums = sets.sums(sets.bits(start + 1, ahead - 1)) if ahead and left else None
             for name, some, steps in several:
@@ -306,8 +326,12 @@ def _of_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str, in
                     yield name, cells.size, [f"start {start}, input {j}, cell {cell}" for cell in cells[~good]]
 
 
-def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
-    """Check the words of an arm: names of fields, how many claims each makes, a text for each row with false ones."""
+def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, list[str]]]:
+    """Check the words of an arm: yield a field's name, how many claims it makes, and texts of false ones.
+
+    A field may be yielded several times. A text names a step and a cell, or a row of cells and how many claims are
+    false there.
+    """
     world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
     every, kinds = (
         np.zeros((words.starts, rows, math.prod(sets.counts[2:].tolist())), np.uint32),
@@ -318,10 +342,10 @@ def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, l
     for start in range(words.starts):
         ids, left = words.ids(start), words.steps - start
         fewest = _fewest(sets, start, left, False)
-        for name, made, bad in of_steps(words, ids, fewest, left, False):
+        for name, made, bad in claims_of_steps(words, ids, fewest, left, False):
             yield name, made, [f"start {start}, cell {cell}" for cell in bad]
         every[start] = ids.reshape(rows, -1)
-        for name, some, steps in asked(words, ids, fewest, left, False):
+        for name, some, steps in claims_of_inputs(words, ids, fewest, left, False):
             marks[kinds.index(name)] = some
             ahead[int(name == "filter"), start] = steps.reshape(rows, -1)
     if "clear" in words.fields:
@@ -334,7 +358,7 @@ def _of_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int, l
     counts, failed = np.zeros((2, rows, 4), np.int64)
     with tqdm(total=rows, desc="exported", unit="row", disable=silent) as bar:
         numbers = np.arange(rows)
-        for done in shared(
+        for done in in_threads(
             rows, lambda at: words_hold(numbers[at], every, ahead, marks, world, stored, counts[at], failed[at])
         ):
             bar.update(done)

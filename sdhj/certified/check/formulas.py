@@ -34,7 +34,11 @@ Tables = Callable[[int, int], Array]  # number and axes of a table to its values
 
 @dataclass(frozen=True)
 class Node:
-    """One line of a formula: an operation, the numbers of the nodes that are its operands, and constants, `given`."""
+    """One line of a formula: an operation by name, the numbers of the nodes that are its operands, and constants.
+
+    given : the number of a coordinate or parameter, the value of a constant, an exponent, or of `gridded` what the
+        interpolation needs.
+    """
 
     name: str
     operands: tuple[int, ...] = ()
@@ -42,27 +46,32 @@ class Node:
 
 
 class Reader:
-    """Reads the lines of one function, with so many coordinates and parameters; ValueErrors name line and function."""
+    """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function."""
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
-        """A reader that has read nothing yet; what : the function's name in errors; tables : see `Tables`."""
+        """A reader for one function.
+
+        what : the function's name in errors.
+        coordinates, parameters : how many the function has.
+        tables : called with the number and the axes of a table for its values (`Tables`).
+        """
         self.what, self.tables, self.line = what, tables, ""
         self.leaves = {"x": coordinates, "p": parameters}
         self.nodes: list[Node] = []
         self.truths: set[int] = set()  # numbers of nodes that are truth values
 
     def expect(self, fits: bool, wrong: str) -> None:
-        """Raise ValueError, with what is `wrong`, and the number and text of the line being read, unless it fits."""
+        """Raise ValueError unless `fits`: it says what is `wrong`, and number and text of the line being read."""
         if not fits:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
-        """A word of the line as a whole number from 0 to below - 1; ValueError, calling it `of`, otherwise."""
+        """A word of the line as a whole number from 0 to below - 1; else ValueError, which calls it `of`."""
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
     def real(self, word: str) -> float:
-        """A word of the line, a hexadecimal number, nan or inf, as a float; ValueError otherwise."""
+        """A word of the line, a hexadecimal number, nan or inf, as a float; else ValueError."""
         try:
             self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
             return float.fromhex(word)
@@ -71,11 +80,11 @@ class Reader:
             raise
 
     def operands(self, words: list[str]) -> tuple[int, ...]:
-        """The words of a line as numbers of earlier nodes, its operands; ValueError otherwise."""
+        """The words of a line as the numbers of earlier nodes; ValueError where one is not."""
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
 
     def read(self, lines: Any) -> "Formula":
-        """The formula that lines of text describe; ValueError with the line that is wrong."""
+        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong."""
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES  # check 7.4
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -93,9 +102,10 @@ class Reader:
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
-        """The node of one line, `name` and the words behind it; a product of a node with itself becomes its square.
+        """The node of one line: the operation `name` and the words behind it; `mul n n` becomes a square.
 
-        ValueError for unknown operations, wrong operands, and where truth values are needed and not given.
+        ValueError for unknown operations, wrong operands, and where truth values are needed and not given. The lines of
+        its operands must have been read.
         """
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
@@ -120,7 +130,7 @@ class Reader:
         return Node("sqr", operands[:1]) if same else Node(name, operands)
 
     def is_truth(self, node: Node) -> bool:
-        """Whether a node is a comparison, or a choice between or a constant of 0, 1 and NaN."""
+        """Whether a node's value is surely 0, 1 or NaN: a comparison, such a constant, or a choice between these."""
         chosen = node.name == "where" and self.truths.issuperset(node.operands[1:])
         known = node.name == "const" and (node.given[0] in (0.0, 1.0) or math.isnan(node.given[0]))
         return node.name in TRUTHS or chosen or known
@@ -128,7 +138,7 @@ class Reader:
     def gridded(self, words: list[str]) -> Node:
         """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand.
 
-        words : those behind `gridded`. Read with its table; ValueError where something does not fit.
+        words : those behind `gridded`. The table is read with it; ValueError where something does not fit.
         """
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
@@ -145,24 +155,25 @@ class Reader:
 
 @dataclass(frozen=True)
 class Formula:
-    """A function as its nodes, in order, each after its operands, and the numbers of the nodes that are its results."""
+    """A function as a tuple of nodes, each after its operands, and the numbers of those that are its results."""
 
     nodes: tuple[Node, ...]
     results: tuple[int, ...]
 
     def part(self, first: int, count: int) -> "Formula":
-        """The formula of `count` of the results, from number `first` on."""
+        """The formula of `count` of the results, from number `first` on, with the same nodes."""
         return Formula(self.nodes, self.results[first : first + count])
 
     def without_constants(self, parameters: int) -> tuple["Formula", list[float]]:
-        """This formula with parameters, from this number of them on, where it has constants, and these in order.
+        """This formula with a new parameter in place of each constant, and the constants in their order.
 
-        Lines are in the order in which results lead to them: so formulas that differ in constants alone become one.
+        New parameters are numbered from `parameters` on. Nodes are in the order in which the results lead to them, so
+        formulas that differ in constants alone become equal.
         """
         nodes, constants, at = list[Node](), list[float](), dict[int, int]()
 
         def number(of: int) -> int:
-            """The number in the new formula of node `of`; a constant becomes a new parameter wherever it stands."""
+            """The number of node `of` in the new formula; a constant becomes a new parameter node each time."""
             if self.nodes[of].name != "const":
                 return at[of]
             nodes.append(Node("p", (), (parameters + len(constants),)))  # check 3.86
@@ -185,10 +196,11 @@ class Formula:
         return Formula(tuple(nodes), results), constants
 
     def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
-        """This formula with constants in place of those parameters, from this number on, that are the same in all rows.
+        """This formula with constants for those parameters, from number `parameters` on, that all rows agree on.
 
-        rows : the constants of each input, as `without_constants` returns them. Returns also what is left of them, for
-        the parameters that stay, which are numbered anew.
+        rows : for each input the values of these parameters, as `without_constants` returns them.
+
+        Returns the formula, whose other parameters are numbered anew, and their values, in rows as before.
         """
         # check 3.87
         kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
@@ -201,7 +213,7 @@ class Formula:
 
     @cached_property
     def form(self) -> tuple[Any, ...]:
-        """A key that two formulas have in common if they are the same, line by line."""
+        """A hashable key, equal for formulas that are the same line by line, tables included; computed once."""
         lines = []
         for name, operands, given in ((node.name, node.operands, node.given) for node in self.nodes):
             if name == "gridded":
@@ -211,7 +223,7 @@ class Formula:
 
     @cached_property
     def least_of(self) -> list["Formula"]:
-        """The formulas of whose values the first result is the least: the operands of its `min`s."""
+        """Formulas of one result each, of whose values the first result is the least: the operands of nested `min`s."""
         found, left = list[int](), [self.results[0]]
         while left:
             node = self.nodes[number := left.pop()]
@@ -223,7 +235,7 @@ class Formula:
 
     @cached_property
     def needed(self) -> list[int]:
-        """The numbers of the nodes that the results rest on, ascending."""
+        """The numbers of the nodes that the results rest on, ascending; computed once."""
         found, left = set(self.results), list(set(self.results))
         while left:
             new = set(self.nodes[left.pop()].operands) - found
@@ -233,7 +245,7 @@ class Formula:
 
     @cached_property
     def done(self) -> dict[int, list[int]]:
-        """By the number of a node, those whose values are no longer needed after it has been evaluated."""
+        """By the number of a node, the nodes whose values nobody needs once it is evaluated; computed once."""
         last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
         done: dict[int, list[int]] = {}
         for operand in last.keys() - set(self.results):
@@ -242,7 +254,7 @@ class Formula:
 
     @cached_property
     def boxes(self) -> int:
-        """How many boxes are evaluated at once, so that all values in memory are at most `MOST_NUMBERS`."""
+        """How many boxes to evaluate at once, so that at most `MOST_NUMBERS` numbers are in memory; computed once."""
         most = count = 0
         for number in self.needed:
             count += 1
@@ -251,23 +263,29 @@ class Formula:
         return max(min(MOST_BOXES, MOST_NUMBERS // (2 * most + 1)), 1)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
-        """Whether a result rests on a coordinate, leaf "x", or a parameter, "p": on that of a number, or on any."""
+        """Whether a result depends on a coordinate (leaf "x") or a parameter (leaf "p").
+
+        number : which one; None: on any.
+        """
         found = (self.nodes[n] for n in self.needed)
         return any(node.name == leaf and number in (None, *node.given) for node in found)  # check 7.2
 
     @cached_property
     def jumps(self) -> list[int]:
-        """The numbers of the nodes that jump (`JUMPS`), where there are no more than `MOST_JUMPS`; else none."""
+        """The numbers of the nodes whose operations jump (`JUMPS`); [] for more than `MOST_JUMPS`. Computed once."""
         found = [number for number in self.needed if self.nodes[number].name in JUMPS]
         return found if len(found) <= MOST_JUMPS else []
 
     def __call__(
         self, low: Array, high: Array, parameters: list[tuple[Any, Any]], sides: Mapping[int, int]
     ) -> Iterator[Interval]:
-        """Bounds of each result over boxes (M, coordinates), pairs of arrays that broadcast to (M,); NaN if unknown.
+        """Yield bounds of each result over boxes (M, coordinates): pairs of arrays that broadcast to (M,).
 
-        parameters : a pair for each, of numbers or arrays (M,). sides : 0 or 1 for nodes of which one side of the jump
-        alone counts.
+        Both are NaN where nothing is known.
+
+        parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
+        sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts. Other nodes count on
+            both.
         """
         values: dict[int, Interval] = {}
         for number in self.needed:
@@ -281,7 +299,10 @@ class Formula:
 
     @staticmethod
     def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
-        """The interval of one node over boxes [low, high] (M, coordinates), from those of its operands."""
+        """The interval of one node over boxes [low, high] (M, coordinates), from the intervals of its operands.
+
+        parameters : as for `Formula.__call__`. side : for a node that jumps 0 or 1, if only one side counts.
+        """
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
         if node.name in ("p", "const"):
@@ -292,10 +313,12 @@ class Formula:
         return RULES[node.name][1](*operands, *node.given, *side)
 
     def bounds(self, low: Array, high: Array, *parameters: tuple[Any, Any]) -> tuple[Array, Array]:
-        """Least and greatest values of the results over boxes low, high (M, coordinates): both (M, results).
+        """The least and the greatest values of the results over boxes (M, coordinates): both (M, results).
 
-        Parameters are pairs of numbers, or of arrays (M,). Where the results are others on one side of the jumps of
-        angles, they are those of all sides together: what is between the sides is no value.
+        NaN where nothing is known. Where results are closer on one side of the jumps of angles than on both, bounds are
+        those of all sides together: what lies between the sides is no value.
+
+        parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
         """
         found = self.once(low, high, parameters, {})
         every = [dict(zip(self.jumps, sides, strict=True)) for sides in product((0, 1), repeat=len(self.jumps))]
@@ -309,7 +332,10 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps (`__call__`), few at a time."""
+        """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps, `self.boxes` boxes at a time.
+
+        The arguments are those of `__call__`.
+        """
         out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
         with np.errstate(all="ignore"):
             for begin in range(0, len(low), self.boxes):
@@ -321,9 +347,9 @@ class Formula:
 
 
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
-    """Read a function of the file, called `what` in errors, from `given`, its part of the head.
+    """Read the formula of a function; ValueError unless it is one of so many coordinates and parameters.
 
-    ValueError unless it is a formula of so many coordinates and parameters. tables : see `Tables`.
+    what : the function's name in errors. given : its part of the head. tables : as for `Reader`.
     """
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
         expect(given[name] == count, f"{what} must have {count} {name}", given[name])  # check 7.22

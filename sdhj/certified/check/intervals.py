@@ -32,12 +32,12 @@ MOST_BLOCKS = 8  # of nodes, along each axis of a box with more, and one
 
 
 def outward(low: Array, high: Array, by: float = UNIT, least: float | Array = 0.0) -> Interval:
-    """[low - (by |low| + least), high + (by |high| + least)]: ends moved outward by a share of their size and more."""
+    """[low - (by |low| + least), high + (by |high| + least)]: ends moved outward by a share of their size, and more."""
     return low - (by * np.abs(low) + least), high + (by * np.abs(high) + least)  # check 6.4
 
 
 def sure(low: Array, high: Array) -> Interval:
-    """[low, high], with NaN at both ends where one of them is not finite."""
+    """[low, high], with NaN at both ends where one of the ends is not finite."""
     known = np.isfinite(low) & np.isfinite(high)  # check 6.24
     return (low, high) if known.all() else (np.where(known, low, np.nan), np.where(known, high, np.nan))
 
@@ -48,7 +48,7 @@ def unless(undefined: Array, low: Array, high: Array) -> Interval:
 
 
 def above(least: float, low: Array, high: Array) -> Interval:
-    """[max(low, least), high], for functions whose values are at least `least`."""
+    """[max(low, least), high], for a function whose values are known to be at least `least`."""
     return np.maximum(low, least), high  # check 6.6
 
 
@@ -56,7 +56,10 @@ def above(least: float, low: Array, high: Array) -> Interval:
 
 
 def add(a: Interval, b: Interval) -> Interval:
-    """a + b, rounded outward only where the rounded sum is not beyond the exact one: a closed set keeps its border."""
+    """a + b, an end rounded outward only where the rounded sum is not already beyond the exact one.
+
+    So an exact sum stays as it is, and a closed set keeps its border.
+    """
     low, high = a[0] + b[0], a[1] + b[1]
     least, most = outward(low, high)
     return np.where(rest(a[0], b[0], low) >= 0.0, low, least), np.where(rest(a[1], b[1], high) <= 0.0, high, most)
@@ -68,19 +71,27 @@ def sub(a: Interval, b: Interval) -> Interval:
 
 
 def rest(a: Array, b: Array, total: Array) -> Array:
-    """The rounding error a + b - total of a sum, exactly (Knuth's sum of two); NaN for too large numbers."""
+    """a + b - total, the rounding error of the rounded sum `total`, exactly (Knuth's sum of two); NaN if too large."""
     second = total - a
     return (a - (total - second)) + (b - second)
 
 
 def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """The least and the greatest value of a function `of` at the four pairs of ends of a and b, not rounded outward."""
+    """The least and the greatest value of a function `of` at the four pairs of ends of a and b, as computed.
+
+    Nothing is rounded outward.
+    """
     ends = [of(p, q) for p in a for q in b]  # check 6.26
     return reduce(np.minimum, ends), reduce(np.maximum, ends)
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """The hull of products or quotients of the ends, rounded outward, but not across 0 where the sign is known."""
+    """The hull of `of` at the ends of a and b, products or quotients, rounded outward but not across 0.
+
+    An end stays at 0 where the signs of a and b tell on which side of 0 the result is.
+
+    of : `np.multiply` or `np.divide`.
+    """
     low, high = outward(*corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
     unlike = ((a[0] >= 0) & (b[1] <= 0)) | ((a[1] <= 0) & (b[0] >= 0))
@@ -98,7 +109,10 @@ def div(a: Interval, b: Interval) -> Interval:
 
 
 def share(a: Interval, b: Interval) -> Interval:
-    """a / b cut to [-1, 1], rounded outward; [-1, 1] where b holds 0, where the quotient counts as 0."""
+    """a / b clipped to [-1, 1], rounded outward; [-1, 1] where b holds 0.
+
+    At b = 0 the operation is 0.
+    """
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
     return np.where(zero, known - 1.0, low), np.where(zero, known + 1.0, high)  # check 6.9
@@ -153,7 +167,10 @@ def pow_(a: Interval, b: Interval) -> Interval:
 def rising(
     function: Callable[[Array], Array], least: float = -math.inf, most: float = math.inf
 ) -> Callable[..., Interval]:
-    """The rule, from an interval to an interval, of a function f that rises and has values from `least` to `most`."""
+    """The rule, from interval to interval, of a rising function f whose values lie from `least` to `most`.
+
+    function : f of an array.
+    """
 
     def rule(a: Interval) -> Interval:
         """[f(low), f(high)], rounded outward and clipped to the function's range."""
@@ -164,23 +181,23 @@ def rising(
 
 
 def sqrt(a: Interval) -> Interval:
-    """[sqrt(low), sqrt(high)], rounded outward; NaN where it may be undefined."""
+    """[sqrt(low), sqrt(high)], rounded outward but not below 0; NaN at an end that is negative."""
     return above(0.0, *outward(np.sqrt(a[0]), np.sqrt(a[1])))
 
 
 def arccos(a: Interval) -> Interval:
-    """[arccos(high), arccos(low)], rounded outward, not below 0."""
+    """[arccos(high), arccos(low)], rounded outward but not below 0; NaN at an end outside [-1, 1]."""
     return above(0.0, *outward(np.arccos(a[1]), np.arccos(a[0]), UNITS, TINY))  # check 6.30
 
 
 def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Interval]:
-    """The rule, from an interval to an interval, of `function`, sine or cosine.
+    """The rule, from interval to interval, of `function`, np.sin or np.cos.
 
-    A hill, where it is 1, is at `hill`, in turns, and at every whole turn from it; a valley lies between two.
+    hill : where it is 1, in turns; so it is at every whole turn from there, and -1 half a turn from each.
     """
 
     def rule(a: Interval) -> Interval:
-        """The hull of the ends' values, 1 where [low, high] may hold a maximum and -1 where a minimum."""
+        """The hull of the values at the ends, rounded outward, and of 1 and -1 where an extreme may lie between."""
         begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
         doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
         hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
@@ -202,10 +219,12 @@ def tan(a: Interval) -> Interval:
 
 
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
-    """The angle of (x, y): the hull of those at the corners, rounded outward; [-pi, pi] where the jump, y = 0 and
-    x <= 0, may be met. At corners, because a box that does not contain the origin is convex.
+    """The angle of (x, y): the hull of the angles at the corners of the box, rounded outward.
 
-    Side 0 and 1: of the part of the box above and below the jump alone, where it is met.
+    [-pi, pi] where the box may meet the jump, y = 0 and x <= 0. The extremes are at corners, because a box that does
+    not hold the origin is convex.
+
+    side : 0 or 1: only of the part of the box above, or below, the jump, where the jump is met; None: of all.
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
     if side is not None:
@@ -218,7 +237,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
 
 
 def hypot(a: Interval, b: Interval) -> Interval:
-    """sqrt(a^2 + b^2), rounded outward and not below 0; it is 0 exactly where both are, as it does not underflow."""
+    """sqrt(a^2 + b^2), rounded outward but not below 0; exactly 0 where both are 0, as it does not underflow."""
     (a0, a1), (b0, b1) = size(a), size(b)  # check 6.31
     low, high = np.hypot(a0, b0), np.hypot(a1, b1)
     return above(0.0, *outward(low, high, UNITS, np.where(high == 0.0, 0.0, TINY)))
@@ -228,9 +247,11 @@ def hypot(a: Interval, b: Interval) -> Interval:
 
 
 def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
-    """a - floor(a / b) * b, between 0 and b: closer where the whole number of laps is known.
+    """a - floor(a / b) * b, between 0 and b; closer where the whole number of laps, floor(a / b), is known.
 
-    Side 0 and 1: in the first and in the last lap alone, where there are two.
+    NaN where b may be 0.
+
+    side : 0 or 1: only in the first, or in the last, of two laps; None: in all.
     """
     laps = div(a, b)
     first, last = np.floor(laps[0]), np.floor(laps[1])
@@ -243,27 +264,27 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
 
 
 def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
-    """[1, 1] where it is certain, [0, 0] where it never holds, else [0, 1]."""
+    """The interval of a truth value: [1, 1] where `certain`, [0, 0] where `never`, else [0, 1]; NaN where a or b is."""
     return unless(np.isnan(a[0]) | np.isnan(b[0]), np.where(certain, 1.0, 0.0), np.where(never, 0.0, 1.0))  # check 6.20
 
 
 def less(a: Interval, b: Interval) -> Interval:
-    """a < b, as `truth`."""
+    """a < b as a truth value, an interval as of `truth`."""
     return truth(a[1] < b[0], a[0] >= b[1], a, b)  # check 6.32
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
-    """a <= b, as `truth`."""
+    """a <= b as a truth value, an interval as of `truth`."""
     return truth(a[1] <= b[0], a[0] > b[1], a, b)  # check 6.33
 
 
 def equal(a: Interval, b: Interval) -> Interval:
-    """a == b, as `truth`."""
+    """a == b as a truth value, an interval as of `truth`."""
     return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)  # check 6.34
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
-    """a where the condition is certain, b where it never holds, else the hull of both."""
+    """a where the condition is [1, 1], b where it is [0, 0], else the hull of both; NaN where the condition is."""
     yes, no = condition[0] == 1.0, condition[1] == 0.0
     low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))  # check 6.21
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
@@ -281,12 +302,15 @@ InBlocks = dict[
 def gridded(
     operands: list[Interval], table: Array, lower: list[float], spacing: list[float], kept: InBlocks
 ) -> Interval:
-    """Bounds of the multilinear interpolation of a table between nodes at lower + i * spacing, clipped at the ends.
+    """Bounds of the multilinear interpolation of a table with nodes at lower + i * spacing, clipped at its ends.
 
-    operands : an interval for each axis. kept : what `at_blocks` keeps of the table. In a box that it cuts out of one
-    cell it has its extremes at corners, so over a box at points whose coordinates are ends of the box or nodes between.
-    A box with many nodes lies between the least and the greatest node around it, known of blocks of nodes: of larger
-    ones for larger boxes, so that it takes equally long for any.
+    The extremes over a box are at points whose coordinates are ends of the box or nodes between: within one cell they
+    are at corners. A box with many nodes is bounded by the least and the greatest value at the nodes around it, of
+    which those of blocks are known: of larger blocks for larger boxes, so that any box takes equally long.
+
+    operands : the intervals of the coordinates, one for each axis.
+    lower, spacing : of the nodes along each axis.
+    kept : a dict in which `at_blocks` keeps the extremes of blocks of this table; empty at first.
     """
     ends = []
     for (low, high), first, step, nodes in zip(operands, lower, spacing, table.shape, strict=True):
@@ -309,7 +333,7 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Group M columns (axes, M) of whole numbers: each column that there is, and the places (m,) where it is."""
+    """Group the columns of whole numbers (axes, M): yield each different column and its indices (m,)."""
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
@@ -317,10 +341,14 @@ def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
 
 
 def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Array) -> Array:
-    """The least and the greatest value in boxes of so many nodes from `first` (axes, M) on, rounding apart: (2, M).
+    """The least and the greatest value of a table's interpolant in boxes with so many nodes around them: (2, M).
 
-    low, high (axes, M) : ends of the boxes, in units of nodes. The values at the first and at the last node along an
-    axis make way for those at the ends of the box.
+    Widened by a bound on the rounding of the interpolation, by which `gridded` then widens once more.
+
+    sizes : the numbers of nodes along each axis, the same for all boxes.
+    low, high (axes, M) : the ends of the boxes, in units of nodes.
+    first (axes, M) : the first node around each box. Values at the first and the last node along an axis are replaced
+        by those at the ends of the box.
     """
     nodes = [own + np.arange(n)[:, None] for own, n in zip(first.astype(np.int64), sizes, strict=True)]
     shapes = np.where(np.eye(len(sizes), dtype=np.bool_), sizes, 1).tolist()
@@ -336,9 +364,11 @@ def at_points(table: Array, sizes: list[int], low: Array, high: Array, first: Ar
 
 
 def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: InBlocks) -> Array:
-    """The least and the greatest value at the nodes in and around boxes (axes, M), low to high, in blocks: (2, M).
+    """The least and the greatest value of a table at the nodes in and around boxes, and some beside them: (2, M).
 
-    Blocks are of 2^-power nodes along each axis, and kept in `kept` for the next time. low, high : in units of nodes.
+    By blocks of 2^-powers[axis] nodes along each axis, whose extremes are computed once and put into `kept`.
+
+    low, high (axes, M) : the ends of the boxes, in units of nodes.
     """
     blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23

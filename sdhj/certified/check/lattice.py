@@ -35,7 +35,10 @@ Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to wher
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
-    """How many pieces a cell is cut into along each axis, for so many times; 0 where there are too many boxes."""
+    """Into how many pieces to cut a cell along each axis; 0 where there are too many cells for a lattice.
+
+    counts : the numbers of cells on the set's axes. times : how many intervals of time have counts of their own.
+    """
     cells = max(math.prod(counts) * times, 1)
     return 0 if cells > MOST_KEPT else min(max(int((MOST_LATTICE / cells) ** (1 / max(len(counts), 1))), 1), MOST_CUTS)
 
@@ -48,18 +51,20 @@ def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
 
 
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
-    """Bytes of the lattices of a set at so many times, and of what the last one is made of.
+    """The bytes that the lattice of a set takes, with the counts for so many times and what the last one is made of.
 
-    counts : cells on each of the set's axes. laps : how many of these are periodic.
+    counts : the numbers of cells on the set's axes. laps : how many of these axes are periodic. times : as for
+        `pieces_of`.
     """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
     return boxes * ((4 * times << laps) + (2 << laps) + 4)
 
 
 class Lattice:
-    """Boxes of a set's axes, pieces of the cells there, and how tubes are looked up in them.
+    """Boxes on a set's axes, the cells there cut into pieces, and which of them a tube overlaps.
 
-    Boxes are bounded `wider`, and tubes looked up `without` as much, (axes,) each: see above.
+    wider, without (axes,) : boxes are `wider` to both sides when the set's function is bounded in them, so tubes are
+        looked up `without` as much at both ends.
     """
 
     def __init__(
@@ -72,10 +77,13 @@ class Lattice:
         alike: Array | None = None,
         tubes: Array | None = None,
     ) -> None:
-        """The lattice of cells whose edges, of each axis (n + 1,), are given, each cut into so many pieces.
+        """The lattice of cells with the given edges, (n + 1,) for each axis, each cell cut into so many pieces.
 
-        near (axes,) : so near to a cell a state counts as in it. sway (axes,) : how far most tubes stick out of theirs.
-        alike (axes,) : the axes along which boxes are whole cells with all that tubes (2, axes) stick out of them
+        pieces : a number for all axes, or one for each. periodic (axes,) : bool.
+        near (axes,) : how far off a cell a state counts as in it.
+        sway (axes,) : how far most tubes stick out of their cells to both sides.
+        alike (axes,) : bool, the axes along which boxes are whole cells, widened by all that `tubes` (2, axes) stick
+            out of them; None: there are none.
         """
         cuts = np.broadcast_to(pieces, len(edges)).tolist()
         self.edges = [
@@ -103,9 +111,12 @@ class Lattice:
         return np.concatenate(out)
 
     def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set are before each corner, as `sums` says: int32, (2 n + 1) on periodic axes.
+        """How many boxes that may meet a set lie below each corner of boxes, as `sums` returns them; int32.
 
-        every : for each function of which the set's is the least, where it is > 0 all over boxes, and where <= 0.
+        Blocks of many boxes are bounded first, single ones where that leaves it open.
+
+        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+            whether it is <= 0.
         """
         return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
 
@@ -136,16 +147,17 @@ class Lattice:
         return met
 
     def boxes(self, first: Array, side: int) -> Array:
-        """Ends (2, M, axes) of blocks of `side` boxes from boxes `first` (M, axes) on, wider."""
+        """Ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider."""
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
         low, high = np.moveaxis(np.array(ends), 1, 2)
         return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """The first and the last box along an axis that tubes from low to high, arrays of one shape, overlap.
+        """The first and the last box along an axis that tubes from `low` to `high`, arrays of one shape, overlap.
 
-        That of each cell where all are alike: low and high are then (M, cells).
+        At least one box. On a periodic axis the first is in the first lap, the last may be in the second. Along an axis
+        that is `alike`, low and high are (M, cells), and the box is that of each cell.
         """
         if self.alike[axis]:
             own = np.broadcast_to(np.arange(self.shape[axis]), low.shape)
@@ -167,7 +179,10 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set (*n) bool are below each corner on all axes: (*n + 1) int32; periodic axes twice."""
+    """How many cells of a set, (*n) bool, lie below each corner on all axes: (*(n + 1)) int32.
+
+    A periodic axis counts twice over: n is doubled there, so that boxes may go over the seam.
+    """
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
     out = np.pad(inside, [(1, 0)] * inside.ndim).astype(np.int32)
@@ -177,7 +192,7 @@ def sums(inside: Array, periodic: Array) -> Array:
 
 
 def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells are both in boxes and in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
+    """How many cells of boxes are in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
 
     ends : for each axis the first cell of the boxes and the one past the last, both (M,).
     """

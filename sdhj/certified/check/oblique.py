@@ -24,7 +24,10 @@ ROUNDED = 1e-15  # of the terms that are added up
 
 
 def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Least and greatest n . x over boxes (M, ndim) for K normals (K, ndim), rounded outward: both (M, K)."""
+    """The least and the greatest n . x over boxes from low to high (M, ndim), for K normals: both (M, K).
+
+    Rounded outward. normals : (K, ndim).
+    """
     out = np.zeros((2, len(low), len(normals)))
     for k, normal in enumerate(normals):
         for axis in np.flatnonzero(normal):
@@ -38,9 +41,11 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
 def rates_along(
     velocity: Velocity, normals: Array, inputs: Array, low: Array, high: Array, times: Times, cuts: int
 ) -> tuple[Array, Array]:
-    """Least and greatest n . f under inputs (M,) and any adversary over boxes (M, ndim) and times: both (M, K).
+    """The least and the greatest n . f under inputs (M,) and any adversary over boxes (M, ndim): both (M, K).
 
-    f is the velocity, n one of K normals. cuts : into how many pieces each component of a nonlinear v is cut, at most.
+    f is the velocity, n one of K normals (K, ndim), and the bounds hold for all `times`, s to s.
+
+    cuts : into how many pieces each component of a nonlinear v is cut, at most.
     """
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
@@ -64,13 +69,21 @@ def rates_along(
 
 
 class Lines:
-    """The lines of a file: each (starts, L, places, rows, 2) int16, the first and the last cell along the last axis,
-    from a cell's own on; normals (K, ndim); halo (2, ndim), so near to an end of an axis a cell has no lines.
+    """The lines that a file states, and the normals of their planes.
+
+    each : (starts, L, places, rows, 2) int16, the first and the last cell along the last axis, less the cell's own
+        index.
+    normals : (K, ndim).
+    halo : (2, ndim) int, how many cells a cell has to be away from both ends of each axis to have lines.
+    oblique : (ndim,) bool, the axes that a normal has a part along; leading : the numbers of these axes, but the last
+        axis, over which rows are counted.
     """
 
     def __init__(self, robot: Any, stated: Mapping[str, Any], arrays: h5py.File) -> None:
-        """Read what the proof's part of a file states, and the lines among its arrays; ValueError where these do not
-        fit the moves of the `Robot`, `low` and `high`.
+        """Read the lines; ValueError where they do not fit the robot's moves.
+
+        robot : the `Robot`, whose moves `low` and `high` are read already. stated : the proof's part of the head.
+            arrays : the open file.
         """
         ndim = robot.grid.ndim
         given, halo = stated["normals"], stated["halo"]
@@ -98,13 +111,19 @@ class Lines:
         self.each = array(arrays, "lines", np.int16, *robot.low.shape[:3], rows, 2)
 
     def far_from_ends(self, cells: Array, counts: Array) -> Array:
-        """Which cells (M, ndim) have lines, being as far from all ends as `halo` says: (M,) bool. counts (ndim,)."""
+        """Which cells (M, ndim) have lines, because they are as far from all ends as `halo` says: (M,) bool.
+
+        counts (ndim,) : the numbers of cells along each axis.
+        """
         # check 3.75
         return np.all((cells >= self.halo[0]) & (cells < counts - self.halo[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Each row of boxes of cells from low to high (M, ndim): its number, where it is on all axes, (M, ndim), in
-        which only those that a normal has a part along count, and which boxes have it, (M,) bool.
+        """Yield the rows of boxes of cells from low to high, (M, ndim) each: (number, at, there).
+
+        number : of the row, over the leading axes, as in `each`.
+        at (M, ndim) : the cell at which the row stands, of which only the leading axes count.
+        there (M,) : bool, which boxes have a row of that number.
         """
         numbers = (high - low + 1)[:, self.leading]
         for row in range(self.each.shape[3]):
@@ -117,10 +136,11 @@ class Lines:
     def reached(
         self, robot: Any, boxes: Array, inputs: Array, swept: Array, start: float, cuts: int
     ) -> tuple[Array, Array]:
-        """The least and the most that n . x may change in an interval for states of boxes (2, M, ndim): both (M, K).
+        """By how much n . x changes at least and at most in an interval for states of boxes (2, M, ndim): both (M, K).
 
-        inputs (M,); swept (M, parts, 2, ndim) : how far the ends of the boxes move in each part; start : when, s; cuts
-        : as of `rates_along`.
+        robot : the `Robot`. inputs (M,) : indices.
+        swept (M, parts, 2, ndim) : how far the ends of the boxes move in each part.
+        start : when the interval begins, s. cuts : as for `rates_along`.
         """
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
         times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
@@ -128,7 +148,7 @@ class Lines:
             box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
             def bounds(low: Array, high: Array, of: Array, when: Times = when) -> tuple[Array, Array]:
-                """Least and greatest n . f over boxes (m, ndim) in one part, of the rows `of` (m,): both (m, K)."""
+                """The least and the greatest n . f over boxes (m, ndim) of rows `of` (m,) in a part: both (m, K)."""
                 return rates_along(robot.moves, self.normals, inputs[of], low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
@@ -138,10 +158,14 @@ class Lines:
         return out[0], out[1]
 
     def hold(self, robot: Any, boxes: Array, places: Array, start: int, j: Array, swept: Array, cuts: int) -> Array:
-        """Whether the file's lines hold every cell of the images that is between the planes, and `halo` is as wide as
-        anything gets beyond a cell: (M,) bool, for boxes (2, M, ndim) of the cells at places (M,) under inputs j (M,).
+        """Whether the lines hold all that lies between the planes, and `halo` is wide enough: (M,) bool.
 
-        start : which of the moves. swept, cuts : as of `reached`.
+        For M pairs of a place and an input: every cell of the image that is between all planes has to be on a line, and
+        nothing gets farther beyond a cell than `halo`.
+
+        robot : the `Robot`. boxes (2, M, ndim) : of the cells at the places.
+        places, j (M,) : the places and the inputs. start : the index of the interval in the moves.
+        swept, cuts : as for `reached`.
         """
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
@@ -178,9 +202,9 @@ class Lines:
         return fits
 
     def inside(self, robot: Any, cells: Array, start: int, j: int, sums: Array) -> Array:
-        """Whether all cells of the lines of cells (M, ndim) under u_j are in a set with such `sums`: (M,) bool.
+        """Whether all cells on the lines of cells (M, ndim) under u_j are in a set with the given `sums`: (M,) bool.
 
-        The cells are `far_from_ends`. start : which of the moves.
+        All of the cells must be `far_from_ends`. start : the index of the interval in the moves.
         """
         places, out = cells @ robot.strides, np.ones(len(cells), np.bool_)
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))

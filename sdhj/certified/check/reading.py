@@ -40,7 +40,10 @@ PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing th
 
 
 def decimal(value: float) -> Fraction:
-    """The decimal that a number is written as, times a power of two; the number itself if none has few digits."""
+    """The decimal, times a power of two, of fewest digits that a number is written as, as a fraction.
+
+    The number itself if every such decimal has more than `FEW_DIGITS` digits.
+    """
     part, power = math.frexp(value)
     scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
     digits, text, by = min((len(re.sub("e.*|[-.]", "", text).strip("0")), text, by) for text, by in scaled)
@@ -48,35 +51,36 @@ def decimal(value: float) -> Fraction:
 
 
 def expect(fits: bool, what: str, given: Any) -> None:
-    """Raise ValueError("{what}, got {given}") unless `fits`; `what` says what was expected."""
+    """Raise ValueError("{what}, got {given}") unless `fits`; the text `what` says what was expected."""
     if not fits:
         raise ValueError(f"{what}, got {reprlib.repr(given)}")
 
 
 def is_whole(value: Any, least: int, most: float = math.inf) -> bool:
-    """Whether a value is a whole number, no truth value, between `least` and `most`."""
+    """Whether a value is a whole number from `least` to `most`; True and False are none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and bool(least <= value <= most)
 
 
 def real(name: str, value: Any, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """A number of the head as a float; ValueError, calling it `name`, unless it is one from `least` to `most`."""
+    """A number of the head as a float; ValueError, calling it `name`, unless it is a number from `least` to `most`."""
     fits = isinstance(value, int | float) and not isinstance(value, bool) and least <= value <= most  # check 7.29
     expect(fits, f"{name} must be a number from {least:g} to {most:g}", value)
     return float(value)
 
 
 def reals(name: str, values: Any, count: int, least: float = -LARGEST) -> list[float]:
-    """So many numbers of the head, as floats; ValueError, calling them `name`, unless all are from `least` on."""
+    """A list of `count` numbers of the head as floats; ValueError, calling it `name`, unless all are >= `least`."""
     expect(isinstance(values, list) and len(values) == count, f"{name} must be {count} numbers", values)  # check 7.33
     return [real(name, value, least) for value in values]
 
 
 @contextmanager
 def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], h5py.File]]:
-    """A context with the head and the open arrays of a file, whose digests are right.
+    """A context with the head of a file, a dict, and its open arrays; the digests of file and problem are right.
 
-    ValueError if its bytes are not those written, if the problem's digest is another, and in place of whatever goes
-    wrong inside the context; OSError without the file; MemoryError where its arrays do not fit.
+    ValueError if the bytes are not those that were written, or the head names another problem than it describes; and in
+    place of any error that is raised inside the context. OSError without the file, MemoryError where its arrays do not
+    fit.
     """
     if not os.path.isfile(path) and os.path.exists(path):
         raise ValueError(f"{path} is no file")
@@ -100,10 +104,10 @@ def head_and_arrays(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, An
 
 
 def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
-    """SHA-256 of what the head says of the problem, names included, and of the arrays that its functions have.
+    """The SHA-256, in hexadecimal, of the problem: of what the head says of it, and of the arrays of its functions.
 
-    That is of a JSON text: the entries `TOLD`, where errors of measurements are one for each axis; and for each array
-    its shape and the SHA-256 of its numbers.
+    It is that of a JSON text with the head's entries `TOLD`, in which the error of measurements has a number for each
+    axis, and for each array under "tables" and "opaque" its shape and the SHA-256 of its numbers.
     """
     said, held = {name: head[name] for name in TOLD}, dict[str, Any]()
     error = said["sensing"].get("error")
@@ -121,14 +125,14 @@ def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
 
 
 def sizes(arrays: h5py.File) -> int:
-    """Bytes that all arrays of a file take in memory."""
+    """The bytes that all arrays of a file take in memory."""
     found: list[int] = []
     arrays.visititems(lambda name, one: found.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
     return sum(found)
 
 
 def expect_room(needed: int) -> None:
-    """Raise MemoryError if `needed` bytes are more than can still be had of the machine, this process or its group."""
+    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get."""
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -139,7 +143,10 @@ def expect_room(needed: int) -> None:
 
 
 def free_memory() -> Iterator[float]:
-    """Bytes that are free by each limit that the system tells: the machine's, the group's, the process's; first inf."""
+    """Yield the bytes that are free by each limit that the system tells: the machine's, the group's, the process's.
+
+    Begins with infinity, so there is always one.
+    """
     yield math.inf
     with suppress(OSError, LookupError, ValueError):  # no such file, or no number in it: no limit
         found = dict(line.split(":") for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines())
@@ -158,10 +165,10 @@ def free_memory() -> Iterator[float]:
 
 
 def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_BYTES) -> Array:
-    """Read an array of a dtype and shape inside a file; None stands for any length, a single ... for any shape.
+    """Read an array of a dtype `kind` and a shape from a file; in the shape None is any length, a single ... any shape.
 
-    Looked at before it is read: ValueError if it is none, lies elsewhere, is packed too tightly or has more than `most`
-    bytes.
+    It is looked at before it is read: ValueError if it is no array of this kind and shape, lies outside the file, is
+    packed too tightly, or has more than `most` bytes.
     """
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
@@ -179,17 +186,24 @@ def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_
 
 
 def fraction(text: Any) -> Fraction:
-    """A fraction of two whole numbers that are not absurdly long; ValueError where it is none."""
+    """The fraction that a text such as "-1/3" states; ValueError where it is none, or a number has over 300 digits."""
     fits = isinstance(text, str) and re.fullmatch("-?[0-9]{1,300}(/[0-9]{1,300})?", text)
     expect(bool(fits), "cells must be stated as fractions", text)  # check 7.39
     return Fraction(text)
 
 
 class Sensing:
-    """How the robot senses: `error` (ndim,) of a measurement, `delay` and `jitter`, s, and whether with a `memory`."""
+    """How the robot senses: `error` (ndim,) of a measurement, `delay` and `jitter`, s, and `memory`, bool.
+
+    It is True as a truth value where anything is uncertain.
+    """
 
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
-        """Read them from a head; ValueError where one is negative or too long for an interval of `delta` seconds."""
+        """Read the head's entry for sensing; ValueError where a number is negative or too large.
+
+        ndim : the number of axes. delta : the length of an interval, s, which delay and twice the jitter may not
+            exceed.
+        """
         error = head.get("error", 0.0)
         # check 7.34
         self.error = np.array(reals("error", error if isinstance(error, list) else [error] * ndim, ndim, 0.0))
@@ -199,22 +213,26 @@ class Sensing:
         expect(self.memory in (True, False), "memory must be true or false", self.memory)  # check 7.8
 
     def __bool__(self) -> bool:
-        """Whether anything is uncertain."""
+        """Whether an error, a delay or a jitter is above 0."""
         return bool(self.error.any()) or self.delay > 0 or self.jitter > 0
 
 
 class Sets:
-    """The cells of each axis and the sets: of each entry and each *row*, a cell of the first axes, a block of the pool.
+    """The cells of each axis, and the certified sets, as a file states them; base of `Arm` and `Robot`.
 
-    axes : of each the lower end, the width of a cell, and bounds on the length, as fractions. layers : of each how many
-    there are at the lower and the upper end. counts (ndim,) : cells of each, layers included. index (entries, rows) :
-    numbers of blocks; pool (blocks, words) uint64 : the cells of the other axes as bits.
+    A row is a cell of the first axes; each set has a block for each row, whose bits are the cells of the other axes.
+
+    axes : for each axis its lower end, the width of a cell, and the least and the greatest length, as fractions.
+    layers : for each axis the numbers of layers at its lower and its upper end.
+    counts (ndim,) : the numbers of cells, layers included.
+    index (entries, rows) : for each set and row the number of a block. pool (blocks, words) uint64 : the blocks.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
-        """Read the cells of `ndim` axes and the sets on them; ValueError where an array does not fit.
+        """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit.
 
-        rows : how many axes number the rows. entries : how many sets there are; None: any number.
+        head : the head's entry for cells. arrays : the open file.
+        rows : how many leading axes number the rows. entries : how many sets there are; None: any number.
         """
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)
         # check 7.38
@@ -232,7 +250,7 @@ class Sets:
 
     @cached_property
     def edges(self) -> list[Array]:
-        """Edges of the cells of each axis, (n + 1,), rounded to the nearest number; those of a layer are its end."""
+        """The ends of the cells of each axis, (n + 1,), as the nearest floats; both ends of a layer are the same."""
         out = []
         for n, (low, width, least, most), (a, b) in zip(self.counts.tolist(), self.axes, self.layers, strict=True):
             begin, end = float(low), float(low + (least + most) / 2)
@@ -241,10 +259,10 @@ class Sets:
         return out
 
     def uncovered(self, ends: Iterable[tuple[Fraction | None, Fraction, Fraction, Fraction]]) -> list[str]:
-        """A text for each axis that its cells do not cover, or not with each of them needed.
+        """A text for each axis that its cells do not cover, or would cover without the last one; [] if all is well.
 
-        ends : of each axis where it begins (None: anywhere), its least and greatest length, and how far apart the
-        file's bounds on the length may be.
+        ends : for each axis where it begins (None: anywhere), its least and its greatest length, and how far apart the
+            file's bounds on the length may be; fractions.
         """
         wrong: list[str] = []
         own = zip(self.counts.tolist(), map(sum, self.layers), self.axes, ends, strict=True)

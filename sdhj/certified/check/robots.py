@@ -91,8 +91,9 @@ def column_major(boxes: Array) -> Array:
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
     """Whether something is proved to hold all over boxes (2, M, axes): (M,) bool.
 
-    holds : see `Holds`; a box for which it leaves that open is halved along the axes `along` (axes,) bool, `depth`
-    times at most.
+    holds : called with boxes (2, m, axes); returns where it holds all over, and where it surely does not, (m,) bool
+        each (`Holds`). A box for which both are False is halved along the axes `along` (axes,) bool, `depth` times at
+        most.
     """
     count, depth = boxes.shape[1], depth if along.any() else 0
     out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
@@ -112,7 +113,7 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
 
 
 def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
-    """The answers (M, ...) of a function of numbers (M,), asked for `BOXES_AT_ONCE` at a time to bound memory."""
+    """holds(numbers), (M, ...), for numbers (M,), asked for `BOXES_AT_ONCE` of them at a time to bound memory."""
     begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
     return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
@@ -120,13 +121,14 @@ def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
 class Robot(Sets):
     """A robot of one's own as a file describes it: its functions over boxes, its cells, and the sets of these.
 
-    `claims` checks all that the file says of them. Where this does not fit together it is refused by a ValueError.
+    `claims` checks all that the file says of them. ValueError, here or in a method, where the file does not fit
+    together.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
-        """Read the problem of a file, its cells and its sets; ValueError where a part does not fit.
+        """Read the problem of a file, its cells, its proof and its sets; ValueError where a part does not fit.
 
-        problem : has the black boxes, or None.
+        head, arrays : of the file. problem : has the black boxes (`black_box(name)`), or is None.
         """
         self.grid, self.steps, self.count = Grid(head["grid"]), head["steps"], len(head["inputs"])
         # check 7.36
@@ -156,11 +158,13 @@ class Robot(Sets):
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
-        """Bytes that a check takes, by what the head says of cells, places and parts.
+        """The bytes that a check takes, by what the head says of cells, places and parts.
 
-        First of moves: of each cell flags, of each that is looked at its number, place and row, some of them twice; of
-        each place what a box sweeps in each part, and of a slab of them all that is made meanwhile. Then of sets: of
-        each cell whether it is in some, and sums, doubled where axes close. Less than half as much again is taken.
+        First for moves: for each cell flags, for each that is looked at its number, place and row, some of them twice;
+        for each place what a box sweeps in each part, and for a slab of them all that is made meanwhile. Then for sets:
+        for each cell whether it is in some, and sums, doubled where axes close. Less than half as much again is taken.
+
+        samples : as for `verify`.
         """
         counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
         ndim, cells = len(counts), math.prod(counts)
@@ -187,10 +191,11 @@ class Robot(Sets):
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
-        """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals.
+        """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals, and E.
 
-        stated : its part of the head. endless : whether sets are to hold for ever. ValueError where an array does not
-        fit the problem.
+        Called by `__init__` when cells and sets are read. ValueError where an array does not fit the problem.
+
+        stated : the proof's part of the head. arrays : the open file. endless : whether sets are said to hold for ever.
         """
         ndim, self.parts, flags, timed = self.grid.ndim, stated["parts"], stated["own"], self.moves.timed
         # check 7.37
@@ -220,10 +225,10 @@ class Robot(Sets):
         expect(bool(fits and (self.low <= self.high).all()), "arrays must be of the problem", self.index.shape)
 
     def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
-        """Strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
+        """The strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
 
-        A cell is at the site sum(cell * strides). Of length 0 where the proof states none; ValueError where there can
-        be none.
+        A cell is at the site sum(cell * strides). The array has length 0 where the proof states none; ValueError where
+        there can be none.
         """
         if not stated.get("arrives"):
             return np.zeros(len(self.counts), np.int64), np.zeros((0, 0, 0), np.uint8)
@@ -239,8 +244,10 @@ class Robot(Sets):
         return strides, array(arrays, "arrives", np.uint8, starts, math.prod(counts.tolist()), -(-self.count // 8))
 
     def cover(self) -> list[str]:
-        """Faults of the cells, a line each: do they cover every axis, are layers at walls alone, and are they all alike
-        along an axis on which moves are said not to depend, with no wall on the way?
+        """The faults of the cells, a text each; [] if there are none.
+
+        Cells must cover every axis; a layer must be at a wall; and along an axis that moves are said not to depend on,
+        all cells must be alike, with no wall on the way.
         """
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
@@ -259,24 +266,27 @@ class Robot(Sets):
         return wrong
 
     def time(self, step: int) -> float:
-        """When the input of a step begins, s, but for jitter: step * delta + delay."""
+        """When the input of a step begins to act, s, apart from jitter: step * delta + delay."""
         return step * self.delta + self.delay  # check 4.41
 
     def ends(self, cells: Array, wider: Any = 0.0) -> Array:
-        """Lower and upper ends of cells (M, ndim), moved outward by `wider`, (ndim,) or a number: (2, M, ndim)."""
+        """The lower and the upper corners of cells (M, ndim), indices, moved outward by `wider`: (2, M, ndim).
+
+        wider : (ndim,), or a number.
+        """
         beside = [[edge[own + side] for edge, own in zip(self.edges, cells.T, strict=True)] for side in (0, 1)]
         return np.moveaxis(np.array(beside), 1, 2) + OUTWARD * wider
 
     def cells(self, numbers: Array) -> Array:
-        """The cells (M, ndim) of flat numbers (M,), the last axis fastest."""
+        """The cells, indices (M, ndim), with flat numbers (M,), the last axis fastest."""
         return np.stack(np.unravel_index(numbers, self.counts), axis=1)
 
     # ---- functions over boxes (2, M, axes), and times
 
     def value(self, part: Part, one: Formula | BlackBox, box: Array, times: Times) -> tuple[Array, Array]:
-        """Bounds of one function of a set over boxes (2, M, axes) and times: both (M,), infinite where unknown.
+        """Bounds of one function of a set over boxes (2, M, axes) and times, s to s: both (M,), infinite where unknown.
 
-        That of a black box is noted in `trusted`.
+        one : one of `part.least_of`, or `part.function`. If it is a black box, the set's name is added to `trusted`.
         """
         if isinstance(one, BlackBox):
             self.trusted.add(part.name)  # check 1.15
@@ -284,19 +294,23 @@ class Robot(Sets):
         return least[:, 0], most[:, 0]
 
     def velocity(self, j: Any, box: Array, times: Times, pushed: bool = True) -> tuple[Array, Array]:
-        """Bounds of the velocity over boxes (2, M, ndim) and times, under u_j, one j or (M,): both (M, ndim).
+        """Bounds of the velocity under u_j over boxes (2, M, ndim) and times: both (M, ndim), infinite where unknown.
 
-        With any adversary or, unless `pushed`, none; infinite where unknown.
+        times : s to s. j : an index, or (M,). pushed : under any adversary; if False, under none.
         """
         axes, inputs = range(len(self.counts)), np.broadcast_to(j, box.shape[1])
         # check 3.84
         return self.cut(axes, box, lambda low, high, of: self.moves.bounds(inputs[of], low, high, times, pushed))
 
     def cut(self, axes: Iterable[int], box: Array, bounds: Bounds) -> tuple[Array, Array]:
-        """Bounds of a function (`Bounds`) over boxes (2, M, axes) of some axes, within the ends of the grid: (M, ...).
+        """Bounds of a function over the parts of boxes (2, M, axes) that are on the grid: both (M, ...).
 
-        A box is clipped at bounded ends, and evaluated in two halves where a periodic axis closes. Where nothing is
-        known bounds are infinite.
+        A box is clipped at bounded ends, and bounded in two halves where a periodic axis closes. Infinite where nothing
+        is known.
+
+        axes : the axes of the grid that the boxes have, in that order.
+        bounds : called with the lower and the upper corners (m, axes) of pieces, and with the index (m,) of the box
+            that each belongs to (`Bounds`).
         """
         box, grid, count, halves = box.copy(order="K"), self.grid, box.shape[1], list[tuple[Array, int]]()
         of = np.arange(count)
@@ -325,10 +339,11 @@ class Robot(Sets):
     # ---- predictions
 
     def known_within(self) -> list[str]:
-        """A text for each input and stride of the delay with which a prediction may be off by more than the file says.
+        """A text for each input and stride of the delay in which a prediction may be off by more than the file says.
 
-        What is measured is moved on in STRIDES of the delay, each by an average of undisturbed velocities not farther
-        from where it began than the fastest moves meanwhile; the state is that near to what was measured then.
+        [] if there is none. What is measured is moved on in STRIDES strides of the delay, each by an average of
+        undisturbed velocities at points no farther from where the stride began than the fastest state gets meanwhile.
+        The state is as near to what was measured then.
         """
         allowed, wrong, stride = self.off - self.error, [], self.delay / STRIDES  # check 3.37
         places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
@@ -348,24 +363,28 @@ class Robot(Sets):
     # ---- moves
 
     def cells_at(self, places: Array, strides: Array | None = None) -> Array:
-        """The cell (M, ndim) at each place (M,), the first one on the axes that are no place's.
+        """A cell (M, ndim) at each place (M,): the one with index 0 on the axes that are no place's.
 
-        strides (ndim,) : others than those of places, such as of sites.
+        strides (ndim,) : other strides than those of places, such as those of sites, to which `places` then belong.
         """
         own = zip((self.strides if strides is None else strides).tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
 
     def boxes(self, places: Array) -> Array:
-        """The boxes of states that count as at places (M,), whole along the other axes: (2, M, ndim)."""
+        """The boxes (2, M, ndim) of states that count as at places (M,): cells with the shell around them.
+
+        Whole, from end to end of the grid, along axes that are no place's.
+        """
         whole = np.array([self.grid.lower, self.grid.upper])[:, None]
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
     def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j, one j or (M,), in the interval from `start`, s.
+        """How far the ends of the boxes at places (M,) move under u_j in the interval from `start`, s: (swept, last).
 
-        At most in each part, (M, parts, 2, ndim), and at its end, whenever that is, (2, M, ndim): there to what is then
-        predicted or carried on. finer : into how many pieces each part is cut; closer : how each is bounded, as of
-        `piece`, which may find no bounds.
+        swept (M, parts, 2, ndim) : the farthest in each part.
+        last (2, M, ndim) : at the interval's end, whenever that is, to what is then predicted or carried on.
+        j : an index, or (M,). finer : into how many pieces each part is cut. closer : how each piece is bounded, as of
+            `piece`. `Unbounded` as of `piece`.
         """
         grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
@@ -375,7 +394,7 @@ class Robot(Sets):
         cuts, soonest = self.length * marks / (self.parts * finer), self.length - 4 * self.jitter  # check 3.15
 
         def held(moved: Array) -> Array:
-            """Displacements (2, M, ndim) of the boxes' ends, stopped where a wall is reached; rounded outward there."""
+            """Displacements (2, M, ndim) of the boxes' ends, stopped where a wall is reached, rounded outward."""
             if not walls.any():
                 return moved
             stopped = np.clip(at + moved, *bars)  # check 3.18
@@ -426,7 +445,10 @@ class Robot(Sets):
         return np.where(at_wall, last, points)
 
     def known_at_wall(self, places: Array) -> Array:
-        """Along which axes who remembers to be in a cell at places (M,) knows the state: it is a layer, (M, ndim)."""
+        """Along which axes a controller that remembers to be in a cell at places (M,) knows the state: (M, ndim) bool.
+
+        It does where the cell is a layer. False everywhere for a controller without memory.
+        """
         cells, layers = self.cells_at(places), np.array(self.layers, np.bool_).T
         at_wall = (layers[0] & (cells == 0)) | (layers[1] & (cells == self.counts - 1))  # check 3.80
         return at_wall & self.known & self.sensing.memory
@@ -468,9 +490,10 @@ class Robot(Sets):
         return moved + h * out + OUTWARD * (2e-15 * np.abs(h * out) + 3e-16 * np.abs(moved))
 
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
-        """Whether what places (M,) lead to under u_j, one j or (M,), lies in the cells of the file's moves: (M,) bool.
+        """Whether what the cells at places (M,) are led to under u_j lies in the cells of the file's moves: (M,) bool.
 
-        moved (2, M, ndim) : how far the ends of the cells move, of `driven`. start : which of the moves.
+        j : an index, or (M,). moved (2, M, ndim) : how far the ends of the cells move, the second result of `driven`.
+            start : the index of the interval in the moves.
         """
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (lower, width, least, most) in enumerate(self.axes):
@@ -491,12 +514,15 @@ class Robot(Sets):
     def stays_near(self, j: int, boxes: Array, times: Times, allowed: Array, travel: Array) -> Array:
         """Whether predictions from measurements in boxes (2, M, ndim) stay within `off` over a delay: (M,) bool.
 
-        delay * |velocity - undisturbed velocity| <= allowed (ndim,) is to hold near each, u_j acting in `times`; travel
-        (2, 1, ndim) : how far a state may move meanwhile. Where it is open boxes are halved.
+        delay * |velocity - undisturbed velocity| <= allowed has to hold around each box; where that is open boxes are
+        halved.
+
+        j : the index of the input that acts. times : of the stride, s to s. allowed : (ndim,). travel (2, 1, ndim) :
+            how far a state may move meanwhile, downward and upward.
         """
 
         def near(box: Array) -> tuple[Array, Array]:
-            """Whether velocities around predictions in boxes (2, m, ndim) differ by little enough: (m,); and False."""
+            """Where velocities around predictions in boxes (2, m, ndim) differ by little enough, (m,); and False."""
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
@@ -508,7 +534,10 @@ class Robot(Sets):
     # ---- tubes and sets
 
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
-        """Whether boxes (2, M, axes) are proved to be outside a set at all `times`, halved `depth` times: (M,) bool."""
+        """Whether boxes (2, M, axes) are proved to be outside a set at all `times`, s to s: (M,) bool.
+
+        depth : how often a box of open sign is halved along each axis, at most.
+        """
         out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
         for one in part.least_of:
             left = np.flatnonzero(out)
@@ -516,25 +545,32 @@ class Robot(Sets):
         return out
 
     def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
-        """Whether a function of a set is > 0 all over boxes (2, M, axes) at all times, and whether <= 0: both (M,)."""
+        """Where a function of a set is proved > 0 all over boxes (2, M, axes), and where <= 0: both (M,) bool.
+
+        At all `times`, s to s. one : one of `part.least_of`.
+        """
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
 
     def inside(self, part: Part, box: Array, times: Times) -> Array:
-        """Whether boxes (2, M, axes) are proved to be inside a set at all `times`: (M,) bool."""
+        """Whether boxes (2, M, axes) are proved to be inside a set at all `times`, s to s: (M,) bool."""
 
         def holds(some: Array) -> tuple[Array, Array]:
-            """Whether the function is <= 0 all over boxes (2, m, axes), and whether it is > 0 somewhere: both (m,)."""
+            """Where the function is <= 0 all over boxes (2, m, axes), and where it is > 0 all over: both (m,) bool."""
             least, most = self.value(part, part.function, some, times)
             return most <= 0, least > 0  # check 5.17
 
         return everywhere(holds, box, np.ones(box.shape[2], np.bool_), DEEPEST)
 
     def clear_holds(self, ends: Array, step: int, j: int, swept: Array, at: Array, depth: int = DEEPEST) -> Array:
-        """Whether tubes of u_j from boxes `ends` (2, M, ndim) are proved clear in the interval from a step: (M,) bool.
+        """Whether tubes under u_j from boxes `ends` are proved clear in the interval from a step: (M,) bool.
 
-        Of unsafe ends, and of the sets that are unsafe under u_j. swept (places, parts, 2, ndim) : of `driven`; at (M,)
-        : which of these is each box's. depth : how often boxes are halved.
+        Clear of unsafe ends, and of the sets that are unsafe under u_j; what has wholly left over a safe end is not
+        asked about.
+
+        ends (2, M, ndim) : the boxes.
+        swept (P, parts, 2, ndim) : tubes, of `driven`. at (M,) : which of these is each box's.
+        depth : how often boxes are halved.
         """
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.not_gone(ends, swept, at)
@@ -562,8 +598,10 @@ class Robot(Sets):
         return out
 
     def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
-        """The lattice of an unsafe set, by number, and its counted boxes (`Lattice.counted`) for each part of the
-        interval from a step, or one for all where the set stands still; each is made once and kept.
+        """The lattice of an unsafe set, by its number, and its counted boxes, an array for each part of an interval.
+
+        A single array for all times where the set stands still; else for the interval from a step. Each lattice is made
+        once and kept.
         """
         part = self.unsafe[number]
         own, key = list(part.axes), (number, step if part.moving else 0)
@@ -577,22 +615,27 @@ class Robot(Sets):
         return self.lattices[key]
 
     def pieces(self, part: Part) -> int:
-        """How many pieces cells are cut into along each axis for the lattice of a set; 0: too many cells for one."""
+        """Into how many pieces cells are cut along each axis for a set's lattice; 0: there are too many cells."""
         times = len(self.clear) * self.parts if part.moving else 1
         return pieces_of(self.counts[list(part.axes)].tolist(), times)
 
     @cached_property
     def sway(self) -> Array:
-        """About how far a tube sticks out of its cell to both sides, by disturbance and `off`: (ndim,); a guess."""
+        """How far tubes typically stick out of their cells to both sides, by the disturbance and `off`: (ndim,).
+
+        A guess, at the middle of the grid under the first input: nothing that is proved rests on it. Computed once.
+        """
         middle, now = np.add(self.grid.lower, self.grid.upper) / 2, (self.time(0), self.time(0))
         slow, fast = self.velocity(0, np.tile(middle, (2, 1, 1)), now)
         return (fast - slow)[0] / 2 * self.length + self.off
 
     def clear_by_lattice(self, step: int, j: int, numbers: Array, places: Array, swept: Array, at: Array) -> Array:
-        """Whether tubes of u_j from cells of these numbers (M,) are proved clear by the sets' lattices: (M,) bool.
+        """Whether tubes under u_j from cells with flat numbers (M,) are proved clear by the sets' lattices: (M,) bool.
 
-        False where that leaves it open, to be asked of `clear_holds`. swept (places, parts, 2, ndim) : tubes from the
-        cells at places (P,); at (M,) : which of these is each cell's.
+        In the interval from a step. False where the lattices leave it open, for which `clear_holds` is to be asked.
+
+        places (P,), swept (P, parts, 2, ndim) : places and the tubes of their cells.
+        at (M,) : which of these is each cell's.
         """
         grid, out = self.grid, np.ones(len(numbers), np.bool_)
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
@@ -625,10 +668,11 @@ class Robot(Sets):
         places: Array,
         at: Array,
     ) -> Array:
-        """Whether tubes from cells of these numbers (M,) overlap no box of a lattice that may meet the set: (M,) bool.
+        """Whether the tubes of the cells with flat numbers (M,) overlap no box that may meet a set: (M,) bool.
 
-        counts : of `Lattice.counted`; axes : the set's. tube (P, 2, ndim) : how far the ends of the cells at places
-        (P,) move; at (M,) : which of these is each cell's.
+        boxes, counts : the set's lattice, and what `Lattice.counted` returned. axes : the set's.
+        places (P,), tube (P, 2, ndim) : places, and how far the ends of their cells move. at (M,) : which of these is
+            each cell's.
         """
         spans = [boxes.overlapped(k, *self.along(axis, places, tube)) for k, axis in enumerate(axes)]
         out = np.empty(len(numbers), np.bool_)
@@ -641,9 +685,10 @@ class Robot(Sets):
         return out
 
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
-        """Lower and upper ends of tubes along an axis, both (P, 1) or, from each of its n cells, (P, n).
+        """The lower and the upper ends of tubes along an axis, with room for the shell: both (P, n), or (P, 1).
 
-        One where the axis is a place's. tube (P, 2, ndim) : how far the ends of the cells at places (P,) move.
+        (P, n), from each of the axis's n cells; (P, 1) where the axis is a place's. places (P,), tube (P, 2, ndim) : as
+        for `misses`.
         """
         if not self.known[axis]:
             return self.carried(axis, tube[:, :, axis])
@@ -656,9 +701,9 @@ class Robot(Sets):
         return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
-        """Whether tubes swept[at] of u_j from cells of these numbers (M,) are proved clear in a step's interval: (M,).
+        """`clear_holds` for the cells with flat numbers (M,) and the tubes swept[at] under u_j: (M,) bool.
 
-        By `clear_holds`, of `BOXES_AT_ONCE` cells at a time to bound memory.
+        `BOXES_AT_ONCE` cells at a time, to bound memory.
         """
         out = np.empty(numbers.size, np.bool_)
         for begin in range(0, numbers.size, BOXES_AT_ONCE):
@@ -667,13 +712,13 @@ class Robot(Sets):
         return out
 
     def cuts(self, step: int) -> list[float]:
-        """The times, s, at which the parts of the interval from a step begin and end: parts + 1 of them."""
+        """The times, s, at which the parts of the interval from a step begin and end: a list of parts + 1."""
         return [self.time(step) + piece / self.parts * self.length for piece in range(self.parts + 1)]  # check 4.39
 
     def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
-        """In which parts tubes swept[at] of boxes `ends` (2, M, ndim) may still be within the safe ends of the grid.
+        """In which parts the tubes of boxes `ends` (2, M, ndim) may still be between the safe ends: (M, parts) bool.
 
-        (M, parts) bool; once False, False for good: all of it has left.
+        Once False, False in all later parts: then all of a tube has left. swept, at : as for `clear_holds`.
         """
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
@@ -683,7 +728,10 @@ class Robot(Sets):
         return ~np.logical_or.accumulate(left, axis=1)
 
     def goals_hold(self, numbers: Array, step: int) -> Array:
-        """Whether cells of these numbers (M,) are proved inside the target and outside unsafe sets at t_step: (M,)."""
+        """Whether the cells with flat numbers (M,) are proved inside the target and outside the unsafe sets at t_step.
+
+        (M,) bool. At all times where the sets do not depend on time.
+        """
         # check 5.15
         times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
         box, out = self.ends(self.cells(numbers), self.near + self.off), np.ones(len(numbers), np.bool_)  # check 5.16
@@ -694,14 +742,14 @@ class Robot(Sets):
         return out & self.inside(self.target, box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file, (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
-        """Check the claim that inputs lead into the target itself, from the sites of cells of these numbers (M,)."""
+        """The claim, checked, that inputs lead into the target itself, at the sites of cells of flat numbers (M,)."""
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
         some = np.zeros(self.arrives.shape[1], np.bool_)
         some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
@@ -719,9 +767,9 @@ class Robot(Sets):
         return Claim(ARRIVE, made, checked, wrong)
 
     def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
-        """Whether all that an input leads the cells at a site to from a step is in the target at its end: (M,) bool.
+        """Whether an input leads all of the cells at a site into the target at the end of a step's interval: (M,) bool.
 
-        pairs (M,) : j * sites + site. finer : as of `driven`.
+        pairs (M,) : of an input and a site, as j * sites + site. finer : the last two arguments of `driven`.
         """
         assert self.target is not None
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
@@ -738,16 +786,17 @@ class Robot(Sets):
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether each of the cells of these numbers (M,) has a clear input that leads into a set alone: (M,) bool.
+        """Whether each of the cells (M,) has a clear input that leads it into a set, or into the target: (M,) bool.
 
-        following (cells,) bool : the set.
+        numbers (M,) : the cells' flat numbers. step : when the interval begins.
+        following (cells,) bool : the set, of the next step with a step less to go.
         """
         if self.at_once is not None and self.at_once.leads():
             return self.at_once.led(step, following)[numbers]
         inside = self.sums(following)
 
         def hold(some: Array) -> Array:
-            """Whether some clear input leads from each of these cells (m,) into the set: (m,) bool."""
+            """Whether some clear input leads from each of the cells with numbers (m,) into the set: (m,) bool."""
             out = np.zeros(len(some), np.bool_)
             for j in range(self.low.shape[1]):
                 left = np.flatnonzero(~out)
@@ -757,14 +806,14 @@ class Robot(Sets):
         return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set (cells,) bool are below each corner on all axes: `sums`, periodic axes twice over."""
+        """How many cells of a set, (cells,) bool, lie below each corner: its `sums`, periodic axes twice over."""
         return sums(cells.reshape(self.counts), self.periodic)
 
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
-        """Whether u_j is clear from cells of these numbers (M,) and leads into a set alone, or the target: (M,) bool.
+        """Whether u_j is clear from the cells with flat numbers (M,) and leads all of each into a set, or the target.
 
-        By the file's flags, moves, lines and arrivals. counted : the `sums` of the set. What has wholly left over a
-        safe end by a cell counts as in it.
+        (M,) bool. By the file's flags, moves, lines and arrivals, for the interval from a step. What has wholly left
+        over a safe end by a cell counts as in the set. counted : the set's `sums`.
         """
         cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
@@ -785,9 +834,9 @@ class Robot(Sets):
         return out
 
     def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
-        """Whether all cells of boxes from first to last (M, ndim) are in a set with such `sums`: (M,) bool.
+        """Whether all cells of boxes from first to last (M, ndim), inclusive, are in a set: (M,) bool.
 
-        Boxes are clipped at bounded ends, and go around periodic axes.
+        Boxes are clipped at bounded ends, and go around periodic axes. counted : the set's `sums`.
         """
         most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
@@ -799,9 +848,9 @@ class Robot(Sets):
     # ---- claims
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
-        """All claims, checked; those of single cells for `samples` cells drawn by `seed`, or for all for None.
+        """Yield all claims, checked; those of single cells for `samples` random cells, or for all if it is None.
 
-        Only the first where cells do not cover the axes. silent : without a progress bar.
+        Only the first where cells do not cover the axes. seed : of the cells drawn. silent : show no progress bar.
         """
         ndim, wrong = self.grid.ndim, self.cover()
         yield Claim(COVER, ndim, ndim, wrong)
@@ -823,7 +872,11 @@ class Robot(Sets):
             yield Claim(f"rests on what is stated of {', '.join(sorted(self.trusted))}", 0, 0, [])
 
     def claim_in_balls(self, numbers: Array, seed: int) -> Claim:
-        """Check by Arb's arithmetic, at a state of each cell of these numbers (M,), the bounds on every formula."""
+        """The claim, checked by Arb's arithmetic at a state of each of these cells, that bounds on formulas hold.
+
+        numbers (M,) : the flat numbers of the cells. seed : of the states. The bounds are those over the cells and over
+            the states alone.
+        """
         box, made, counted, wrong = self.ends(self.cells(numbers)), 0, 0, []
         functions: list[Any] = [
             (name, one, range(self.grid.ndim)) for name, each in self.moves.own.items() for one in each
@@ -838,7 +891,10 @@ class Robot(Sets):
         return Claim("bounds hold where Arb's arithmetic looks", made, counted, wrong)
 
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
-        """Check the moves of the cells of these numbers (M,), and every input that the file says is clear from them."""
+        """Yield two claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
+
+        silent : show no progress bar.
+        """
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
             at = by_slabs(lambda n: self.cells(n) @ self.strides, numbers)
@@ -881,9 +937,10 @@ class Robot(Sets):
     ) -> None:
         """Take out of `moving` and `open_`, in place, what is proved with bounds of `driven` that are so fine.
 
-        moving : for each input the places whose moves are not proved yet. open_ : for each input and step the cells
-        from which it is not proved clear yet, as indices into numbers and at, (M,): the cells' numbers and places.
-        start : which of the moves.
+        start : the index of the interval in the moves. finer : the last two arguments of `driven`.
+        moving : for each input the places whose moves are not proved yet.
+        open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
+        numbers, at (M,) : the flat numbers of the cells that are checked, and their places.
         """
         size = self.low.shape[2]
         needed, row = np.zeros((len(moving), size), np.bool_), np.empty(size, np.int64)
@@ -921,13 +978,18 @@ class Robot(Sets):
                 open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
-        """The inputs in groups that are looked at together, as memory allows where each has so many boxes and cells."""
+        """The inputs, as ranges of indices, in groups that are looked at together, as memory allows.
+
+        boxes, numbers : how many boxes, and how many cells, each input has.
+        """
         together = max(min(BOXES_AT_ONCE // max(boxes, 1), NUMBERS_AT_ONCE // max(numbers, 1)), 1)
         return [range(j, min(j + together, self.count)) for j in range(0, self.count, together)]
 
     def claims_of_sets(self, chosen: Array, silent: bool) -> Iterator[Claim]:
-        """Check that sets grow with the steps to go (without a target: shrink), goals, and that every other new cell
-        has an input that leads it one step nearer; of the cells `chosen`, (cells,) bool.
+        """Yield three claims, checked for the cells `chosen`, (cells,) bool: sets grow, goals hold, and steps lead on.
+
+        Sets grow with the steps to go, or shrink without a target; cells of a goal are in the target and clear; every
+        other new cell has an input that leads it one step nearer. silent : show no progress bar.
         """
         counted = {GOALS: [0, 0], NEARER: [0, 0]}
         failed: dict[str, list[str]] = {name: [] for name in (GROW, GOALS, NEARER)}

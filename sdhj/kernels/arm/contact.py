@@ -17,11 +17,11 @@ from sdhj.kernels.packed import BIT, FULL, has_bit, has_bits, set_bits
 
 
 class Disks(NamedTuple):
-    """Moving disks during the intervals of all steps, at most 64; m, s.
+    """Moving disks during the intervals of all steps, of which there are 64 at most; m, s.
 
-    delta, depth : length of an interval, and how often it is halved at most; both 0 for an instant
-    centres (2^(depth + 1) + 1, steps, disks, 2) : at evenly spaced instants of each interval, both ends among them
-    radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed
+    delta, depth : the length of an interval, and how often it is halved at most; both 0 for an instant.
+    centres (2^(depth + 1) + 1, steps, disks, 2) : at evenly spaced instants of each interval, both ends among them.
+    radii, speeds (disks,) : the distance between centre and link at contact; bounds on the speed.
     """
 
     delta: float
@@ -32,14 +32,15 @@ class Disks(NamedTuple):
 
 
 class ArmMotion(NamedTuple):
-    """The images of cells of an arm and a pursuer over one interval, for `arm_inputs`.
+    """The images and tubes of the cells of an arm and an agent over one interval, for `arm_inputs`.
 
-    first, number (4, L, n) : of each axis, input and cell, the first and the number of the cells that cover its image,
-    padded to one length
-    moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and how many parts
-    allowed (steps, L, n1, n2) : `cells_clear`
-    arm (3,) : see `link_points`
-    pursued : False where no pursuer can touch the arm
+    first, number (4, L, n) : for each axis, input and cell the first cell of its image, and how many there are; padded
+        to one length n.
+    moves (2, L, n, parts, 6), parts (L,) : `joint_moves` under each input, padded, and into how many parts the interval
+        is cut.
+    allowed (steps, L, n1, n2) bool : as `cells_clear` writes it.
+    arm (3,) : see `link_points`. agent : the `Agent`.
+    pursued : whether the agent is a pursuer, which the arm must not touch.
     """
 
     first: FloatArray
@@ -57,12 +58,13 @@ class ArmMotion(NamedTuple):
 
 @kernel()
 def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
-    """Set the bits of the pursuer's cells from which it can meet a link (0 or 1) during one interval. In place.
+    """Set the bits of the pursuer's cells from which it can meet a link (0 or 1) during one interval, in place.
 
-    `moves1`, `moves2` (parts, 6) say where the joints can be in each part of the interval (`joint_ends`). At the end of
-    part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each axis.
+    At the end of part m the pursuer is within prediction_error + speed * (m + 1) * delta / parts of its cell on each
+    axis.
 
-    arm (3,): see `link_points`. agent: an `Agent`. scratch: a `LinkScratch`. block (W,) uint64: the cells, as bits.
+    moves1, moves2 (parts, 6) : where the joints can be in each part of the interval (`joint_ends`).
+    arm (3,) : see `link_points`. agent : an `Agent`. scratch : a `LinkScratch`. block (W,) uint64 : the cells, as bits.
     """
     parts, rows = moves2.shape[0], (0, agent.nx)
     for part in range(parts):
@@ -75,12 +77,13 @@ def touch_swept(link, moves1, moves2, arm, agent, scratch, block):
 
 @kernel(parallel=True)
 def pursuer_clear(moves1, moves2, arm, agent, out):
-    """Write the cells of the pursuer which it cannot use to touch the arm during one interval under one input, for each
-    cell of the joints.
+    """Write the pursuer's cells from which it cannot touch the arm during one interval under one input to out.
 
-    moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints
-    arm (3,), agent : see `link_points`; an `Agent`
-    out (n1, n2, W) uint64 : overwritten
+    For each pair of cells of the joints.
+
+    moves1 (n1, parts, 6), moves2 (n2, parts, 6) : `joint_moves` of the two joints.
+    arm (3,), agent : see `link_points`; an `Agent`.
+    out (n1, n2, W) uint64 : overwritten.
     """
     n1, n2, words = out.shape
     bits = agent.nx * agent.ny
@@ -101,8 +104,9 @@ def pursuer_clear(moves1, moves2, arm, agent, out):
 
 @kernel(inline="always")
 def joints_during(cell, tau0, tau1, scratch):
-    """Write `joint_ends` of both joints during [tau0, tau1], s, to scratch.ends; cell (2, 4) has low, high, slow
-    and fast of each.
+    """Write `joint_ends` of both joints during [tau0, tau1], s since the interval began, to scratch.ends.
+
+    cell (2, 4) : for each joint its least and greatest angle, rad, and its least and greatest velocity.
     """
     for joint in range(2):
         low, high, slow, fast = cell[joint, 0], cell[joint, 1], cell[joint, 2], cell[joint, 3]
@@ -111,11 +115,10 @@ def joints_during(cell, tau0, tau1, scratch):
 
 @kernel(inline="always")
 def disks_met(disks, instant, near, wanted, arm, scratch):
-    """A word with those of the `wanted` steps (bits) in which the arm, its joints within scratch.ends, may meet a disk.
+    """A word with those of the `wanted` steps, as bits, in which the arm within scratch.ends may meet a disk.
 
-    The disks are within a time `near`, s, of where they are at the instant with this number in `Disks.centres`.
-
-    disks: `Disks`. arm (3,): see `link_points`.
+    instant : a number in `Disks.centres`; the disks are within a time `near`, s, of where they are then. disks :
+        `Disks`. arm (3,) : see `link_points`. scratch : a `LinkScratch`.
     """
     met, centres, radii, speeds = np.uint64(0), disks.centres[instant], disks.radii, disks.speeds
     for link in range(LINKS if wanted != 0 else 0):
@@ -139,13 +142,13 @@ def disks_met(disks, instant, near, wanted, arm, scratch):
 
 @kernel()
 def steps_blocked(cell, disks, arm, scratch, wanted):
-    """A word of the steps (bits) in whose interval the arm may meet a disk from a cell under one input; cell as in
-    `joints_during`.
+    """A word of the steps, as bits, in whose interval the arm may meet a disk from a cell under one input.
 
-    The interval is halved where it does not decide. Where already the arm at the middle instant may meet a disk that is
-    there, halving would not help. wanted (depth + 1,) is scratch: the steps that each level has to decide.
+    The interval is halved where this stays open. Where already the arm at the middle instant may meet a disk that is
+    there, halving would not help.
 
-    disks: `Disks`. arm (3,): see `link_points`. scratch: a `LinkScratch`.
+    cell (2, 4) : as for `joints_during`. disks : `Disks`. arm (3,) : see `link_points`. scratch : a `LinkScratch`.
+    wanted (depth + 1,) uint64 : overwritten with the steps that each level has to decide.
     """
     blocked, deep, here = np.uint64(0), 0, 0
     wanted[0] = FULL >> np.uint64(64 - disks.centres.shape[1])
@@ -173,13 +176,13 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
 
 @kernel(parallel=True)
 def cells_clear(ends1, ends2, velocities, disks, arm, out):
-    """out[step, j, i1, i2] = whether from a cell of the joint angles the arm stays clear of moving disks at every time
-    of the interval of a step under an input.
+    """out[step, j, i1, i2] = whether the arm surely stays clear of moving disks from a cell of the joints under u_j.
 
-    ends1 (n1, 2), ends2 (n2, 2) : of the cells. velocities (2, L, 2) : of both joints under each input, the least and
-    the greatest. out (steps, L, n1, n2) bool, overwritten.
+    At every time of the interval of a step.
 
-    disks: `Disks`. arm (3,): see `link_points`.
+    ends1 (n1, 2), ends2 (n2, 2) : the least and the greatest angle of each cell, rad.
+    velocities (2, L, 2) : of both joints under each input, the least and the greatest.
+    disks : `Disks`. arm (3,) : see `link_points`. out (steps, L, n1, n2) bool : overwritten.
     """
     steps, inputs, n1, n2 = out.shape
     for i1 in prange(n1):
@@ -200,10 +203,10 @@ def cells_clear(ends1, ends2, velocities, disks, arm, out):
 
 @kernel(parallel=True)
 def tips_within(moves1, moves2, radius, arm, agent, out):
-    """Write the cells of all four axes whose every tip is within `radius`, m, of wherever the agent of its cell may be.
+    """Write the cells of all four axes whose every tip is within `radius`, m, of wherever the agent may be, to out.
 
-    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest. arm (3,) : see `link_points`. agent : an
-    `Agent`. out (n1, n2, W) uint64, overwritten.
+    moves1 (n1, 1, 6), moves2 (n2, 1, 6) : `joint_moves` of joints at rest.
+    arm (3,) : see `link_points`. agent : an `Agent`. out (n1, n2, W) uint64 : overwritten.
     """
     n1, n2, _ = out.shape
     for i1 in prange(n1):
@@ -232,10 +235,9 @@ def tips_within(moves1, moves2, radius, arm, agent, out):
 
 @kernel()
 def image_certified(cell, j, motion, cells, index, pool):
-    """Whether the cells that cover the image of a cell (4,) under input j are all in the set with blocks
-    pool[index], of which block 0 is the empty one.
+    """Whether the image of a cell (4,) under input j is all in a set, whose rows are the blocks pool[index].
 
-    motion: an `ArmMotion`. cells: `Cells`. index (n1 n2,), pool (B, W): the blocks of the set.
+    index (n1 n2,), pool (B, W) : block 0 is the empty one. motion : an `ArmMotion`. cells : `Cells`.
     """
     x0, y0 = motion.first[2, j, cell[2]], motion.first[3, j, cell[3]]
     x1, y1 = x0 + motion.number[2, j, cell[2]], y0 + motion.number[3, j, cell[3]]
@@ -257,11 +259,11 @@ def image_certified(cell, j, motion, cells, index, pool):
 
 @kernel()
 def pursuer_meets(cell, j, motion, scratch, block):
-    """Whether the pursuer of a cell (4,) can touch the arm under input j: what `pursuer_clear` says, for one cell.
+    """Whether the pursuer of a cell (4,) may touch the arm under input j: `pursuer_clear`'s question for one cell.
 
-    Half the margin of `pursuer_clear` is enough, and makes sure that a difference in rounding between the two never
-    takes from a certified cell the input it was certified with. motion: an `ArmMotion`. scratch, block: a `LinkScratch`
-    and (W,) uint64, overwritten.
+    Half the margin of `pursuer_clear` is enough here: so a difference in rounding between the two never takes from a
+    certified cell the input that it was certified with. motion : an `ArmMotion`. scratch, block : a `LinkScratch` and
+    (W,) uint64, overwritten.
     """
     agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
@@ -286,13 +288,13 @@ def pursuer_meets(cell, j, motion, scratch, block):
 
 @kernel(nogil=True)
 def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
-    """out[m, j] &= whether input j is certified for the cell some[m], (M, 4), with ahead[m] steps to go from a step:
-    out (M, L) bool, the inputs that are asked about, in place.
+    """out[m, j] &= whether input j is certified for the cell some[m], of (M, 4), with ahead[m] steps to go; in place.
 
-    It keeps clear of the disks and the pursuer and leads into the set of one step less; sets, pool as for
-    `certified_inputs`.
+    Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
+    from `step`.
 
-    cells: `Cells`. motion: an `ArmMotion`.
+    out : (M, L) bool, the inputs that are asked about. sets, pool : as for `certified_inputs`. cells : `Cells`.
+    motion : an `ArmMotion`.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)

@@ -24,9 +24,7 @@ LINKS = 2
 
 
 class Agent(NamedTuple):
-    """How an interval's pursuer moves, and its cells: where the first begins, how wide one is, how many there
-    are; m, s.
-    """
+    """How the agent moves in an interval, and its cells: where the first begins, how wide one is, how many; m, s."""
 
     delta: float  # length of the interval; 0 for an instant
     speed: float  # the greatest on each axis
@@ -41,8 +39,11 @@ class Agent(NamedTuple):
 
 
 class LinkScratch(NamedTuple):
-    """Arrays to work in: points x, y (6,) and their hull; chains, the pieces of the upper and the lower boundary
-    of the thick hull (`thick_chain`); ends (2, 6) of both joints (`joint_ends`).
+    """Arrays that are overwritten, for one thread; made by `allocate_scratch`.
+
+    x, y (6,), hull_x, hull_y (12,) : points, and the corners of their hull.
+    chains (2, 12, 4) : the pieces of the upper and the lower boundary of the thick hull (`thick_chain`).
+    ends (2, 6) : of both joints (`joint_ends`).
     """
 
     x: FloatArray
@@ -71,10 +72,10 @@ def allocate_scratch():
 
 @kernel(inline="always")
 def joint_ends(low, high, slow, fast, tau0, tau1, ends):
-    """Write where a joint in [low, high], rad, can be during [tau0, tau1], s, if its velocity stays in [slow, fast]:
-    low + min(slow tau), high + max(fast tau).
+    """Write where a joint can be during [tau0, tau1], s, that begins in [low, high], rad, to ends (6,).
 
-    `ends` (6,), modified in place: the lower end, its cosine and sine, the upper end, its cosine and sine.
+    From low + min(slow tau) to high + max(fast tau), for a velocity that stays in [slow, fast]. ends : overwritten with
+    the lower end, its cosine and sine, the upper end, its cosine and sine.
     """
     ends[0] = low + min(slow * tau0, slow * tau1)  # obligation 4.33
     ends[3] = high + max(fast * tau0, fast * tau1)  # obligation 4.32
@@ -84,8 +85,9 @@ def joint_ends(low, high, slow, fast, tau0, tau1, ends):
 
 @kernel()
 def joint_moves(ends, slow, fast, delta, parts):
-    """`joint_ends` of every cell of one joint, ends (n, 2), at velocities in [slow, fast], in each of `parts`
-    equal parts of an interval of delta s; (n, parts, 6).
+    """`joint_ends` of every cell of one joint in each of `parts` equal parts of an interval of delta, s: (n, parts, 6).
+
+    ends (n, 2) : the least and the greatest angle of each cell, rad. The velocity stays in [slow, fast].
     """
     out = np.empty((len(ends), parts, 6))
     for i in range(len(out)):
@@ -97,11 +99,12 @@ def joint_moves(ends, slow, fast, delta, parts):
 
 @kernel(forceinline=True)
 def link_points(link, ends1, ends2, arm, scratch):
-    """Write points whose hull, thickened by a remainder, holds a link (0 or 1) for all joint angles of a box; returns
-    (how many, remainder, m).
+    """Write points whose hull, thickened by a remainder, holds a link (0 or 1) for all joint angles of a box.
 
-    ends1, ends2 (6,): the box, as of `joint_ends`. `arm` is (l1, l2, turn): the second link has length l2 and stands at
-    the angle turn * q1 + q2, turn 0 or 1. The points are scratch.x and scratch.y.
+    To scratch.x and scratch.y; returns (how many, remainder, m).
+
+    ends1, ends2 (6,) : the box, as `joint_ends` writes it.
+    arm : (l1, l2, turn): the second link has length l2 and stands at the angle turn * q1 + q2, turn 0 or 1.
     """
     l1, l2, turn, x, y = arm[0], arm[1], arm[2], scratch.x, scratch.y
     w1, w2 = ends1[3] - ends1[0], ends2[3] - ends2[0]
@@ -123,10 +126,9 @@ def link_points(link, ends1, ends2, arm, scratch):
 
 @kernel(forceinline=True)
 def convex_hull(n, scratch):
-    """Write the counter-clockwise hull of the first n points scratch.x, y, which are sorted in place, to scratch.hull_x
-    and hull_y; return its size.
+    """Write the counter-clockwise hull of the first n points to scratch.hull_x and hull_y; how many corners it has.
 
-    Andrew's monotone chain; it begins at the leftmost, lowest point.
+    The points scratch.x, y are sorted in place. Andrew's monotone chain; it begins at the leftmost, lowest point.
     """
     x, y, hull_x, hull_y = scratch.x, scratch.y, scratch.hull_x, scratch.hull_y
     for i in range(1, n):
@@ -154,7 +156,7 @@ def convex_hull(n, scratch):
 
 @kernel(forceinline=True)
 def box_of(x, y, n):
-    """(least x, greatest x, least y, greatest y) of the first n points."""
+    """(least x, greatest x, least y, greatest y) of the first n points; x and y have n entries at least."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(1, n):
         left, right = min(left, x[i]), max(right, x[i])
@@ -164,7 +166,7 @@ def box_of(x, y, n):
 
 @kernel(forceinline=True)
 def hull_distance(px, py, size, scratch):
-    """Distance from the point (px, py) to the hull that `convex_hull` left in scratch, of `size` corners; 0 inside."""
+    """The distance of the point (px, py) from the hull with `size` corners in scratch, of `convex_hull`; 0 inside."""
     hull_x, hull_y = scratch.hull_x, scratch.hull_y
     best = np.inf
     inside = size > 2
@@ -189,12 +191,13 @@ def hull_distance(px, py, size, scratch):
 
 @kernel(forceinline=True)
 def thick_chain(first, last, step, radius, size, scratch, pieces):
-    """The upper (step -1) or lower (step 1) boundary of {hull thickened by radius}, from left to right.
+    """Write the upper (step -1) or lower (step 1) boundary of a hull thickened by `radius` to pieces, left to right.
 
     The corners first, first + step, ..., last of the hull, modulo its size, are the chain: x grows along it. Its
-    boundary is, in turn, an arc about a corner and the edge to the next corner moved outward. `pieces`
-    (2 corners - 1, 4), modified in place: the x where the piece ends, and for an arc (nan, centre), for an edge (slope,
-    a point), y times -step.
+    boundary is, in turn, an arc about a corner and the edge to the next corner moved outward.
+
+    pieces (2 corners - 1, 4) : overwritten with the x where the piece ends, and for an arc (nan, centre), for an edge
+        (slope, a point), y times -step.
     """
     hull_x, hull_y, sign = scratch.hull_x, scratch.hull_y, -float(step)
     count = 0
@@ -223,8 +226,9 @@ def thick_chain(first, last, step, radius, size, scratch, pieces):
 
 @kernel(inline="always")
 def piece_height(pieces, at, xq, radius):
-    """Height over xq, times the sign of its chain, of the piece number `at` of those of `thick_chain`, an edge or
-    an arc of this radius.
+    """The height over xq, times the sign of its chain, of piece number `at` of `thick_chain`, an edge or an arc.
+
+    radius : of the arcs, m.
     """
     off = xq - pieces[at, 2]
     slope = pieces[at, 1]
@@ -235,12 +239,11 @@ def piece_height(pieces, at, xq, radius):
 
 @kernel(forceinline=True)
 def touch_cells(size, radius, growth, agent, rows, scratch, block):
-    """Set the bits of the cells of the agent which, grown by `growth` on each side, meet the hull thickened by
-    `radius`, m. In place: block (W,) uint64.
+    """Set the bits of the agent's cells which, grown by `growth` on each side, meet a hull thickened by `radius`, m.
 
-    The hull is that which `convex_hull` left in scratch, of `size` corners. Only the rows of cells rows[0] <= x <
-    rows[1] are looked at. The part of a convex shape over a strip has its highest point over the point of the strip
-    nearest to the shape's top, so one height of each boundary decides a row of cells.
+    In place: block (W,) uint64. The hull is the one with `size` corners that `convex_hull` left in scratch. Only the
+    rows of cells rows[0] <= x < rows[1] are looked at. The part of a convex shape over a strip has its highest point
+    over the point of the strip nearest to the shape's top, so one height of each boundary decides a row of cells.
     """
     hull_x, hull_y, upper, lower = scratch.hull_x, scratch.hull_y, scratch.chains[0], scratch.chains[1]
     top, bottom, lower_right, upper_right = 0, 0, 0, 0  # the hull begins at its lower left corner

@@ -43,10 +43,10 @@ ROWS_AT_ONCE = 256  # between two signs of life
 
 
 def disk(name: str, given: Any, width: float = 0.0) -> Array:
-    """A disk of a recipe as `separation.disk_at` reads it, (8,), its radius grown by the width of what must not meet
-    it.
+    """A disk of a recipe as numbers (8,), as `separation.disk_at` reads them, its radius grown by `width`.
 
-    name : in errors. ValueError, KeyError or TypeError where a number is missing or makes no sense.
+    name : in errors. given : the disk in the recipe. width : of what must not meet the disk, m. ValueError, KeyError or
+        TypeError where a number is missing or makes no sense.
     """
     path, radius = given["path"], real(f"radius of {name}", given["radius"], 0.0)
     kind, begin, velocity, circle = path["kind"], "centre", [0.0] * 2, [0.0] * 3
@@ -60,15 +60,18 @@ def disk(name: str, given: Any, width: float = 0.0) -> Array:
 
 
 class Scene:
-    """Numbers of a case study, from its recipe, and how the robot senses.
+    """The numbers of a case study, from its recipe, and how the robot senses.
 
-    agent : "pursuer" or "evader". disks (D, 8) : the obstacles, for `separation`. goal (8,) : the target likewise; it
-    moves with the agent where that is an evader. ValueError, KeyError or TypeError where something is missing or makes
-    no sense.
+    agent : "pursuer" or "evader". given : the recipe's arguments. sensing : a `Sensing`.
+    disks (D, 8) : the obstacles, as `disk_at` reads them, grown by the links' half width.
+    goal (8,) : the target likewise; of an evader only its radius counts, as it is where the evader is.
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
-        """Read the recipe of a case study and its sensing; errors as of the class."""
+        """Read a recipe and the head's entry for sensing.
+
+        ValueError, KeyError or TypeError where a number is missing or makes no sense.
+        """
         given, builder = recipe["arguments"], recipe["builder"]
         expect(builder in AGENTS, f"the builder must be one of {', '.join(AGENTS)}", builder)
         agent = AGENTS[builder]
@@ -91,30 +94,33 @@ class Scene:
 
     @property
     def box(self) -> Fraction:
-        """Half the side of the square that the agent stays in."""
+        """Half the side of the square that the agent stays in, m, exactly."""
         return decimal(self.given[f"{self.agent}_box"])
 
     def push(self, axis: int) -> Fraction:
-        """The greatest that the adversary adds to the velocity along an axis, or takes from it."""
+        """The most that the adversary changes the velocity along an axis by, exactly; of the agent its speed."""
         return decimal(self.given["v_d_max" if axis < 2 else f"v_{self.agent[0]}_max"])
 
     def off(self, axis: int) -> Fraction:
-        """By how much a prediction may be off on an axis, exactly: error + delay * push."""
+        """E along an axis, how far a prediction may be off, exactly: error + delay * push."""
         return decimal(self.sensing.error[axis]) + decimal(self.sensing.delay) * self.push(axis)
 
     def spans(self) -> tuple[Fraction, Fraction]:
-        """How long an input is held at least and at most."""
+        """The least and the greatest time that an input is held, s, exactly: delta -+ twice the jitter."""
         late = 2 * decimal(self.sensing.jitter)
         return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late  # check 3.4
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
-        """All inputs, exactly, the first component slowest."""
+        """All inputs, velocities of the two joints, exactly; the first component slowest."""
         top, n = decimal(self.given["u_max"]), self.given["input_levels"]
         values = [-top + 2 * top * i / (n - 1) for i in range(n)]
         return [(a, b) for a in values for b in values]
 
     def world(self, edges: Sequence[Array]) -> World:
-        """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound."""
+        """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound.
+
+        edges : the ends of the cells of each axis, of `Sets.edges`. Returns a `World`.
+        """
         given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
         arm = np.array([l1, l2 if relative else l1 + l2, relative], dtype=np.float64)
@@ -133,9 +139,10 @@ class Scene:
 
 
 def refuse_large(world: World, steps: int) -> None:
-    """Raise ValueError if a number, at any time of so many steps, breaks what the bound on rounding supposes.
+    """Raise ValueError if a number of the world, within so many steps, breaks what the bound on rounding supposes.
 
-    That is of links, lengths, places and moves (`LONGEST_LENGTH`), and angles of disks (`LARGEST_ANGLE`).
+    Links must have at least 1 mm, lengths, places and moves must be at most `LONGEST_LENGTH`, and angles of disks at
+    most `LARGEST_ANGLE`.
     """
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.goal[None]])
@@ -154,10 +161,16 @@ def refuse_large(world: World, steps: int) -> None:
 
 
 class Arm(Sets):
-    """The sets of an arm's file, and the inputs that it says are clear of the obstacles."""
+    """The sets of an arm's file, and from which cells of the joints each input is said to clear the obstacles.
+
+    `claims` checks all that the file says of them.
+
+    allowed : (steps, L, n1, n2) bool, where inputs are said to be clear of the obstacles.
+    pairs : (entries, 2), the start and within of each entry of the index.
+    """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File) -> None:
-        """Read a file's claims about an arm; ValueError where head or arrays do not fit the recipe."""
+        """Read an arm's file; ValueError where head or arrays do not fit the recipe."""
         self.scene = Scene(head["recipe"], head.get("sensing", {}))
         expect_recipe(head, arrays, self.scene)
         self.steps = self.scene.given["steps"]
@@ -170,31 +183,31 @@ class Arm(Sets):
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file, (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
 
     @staticmethod
     def needs(arrays: h5py.File) -> int:
-        """Bytes that a check takes: of the sets three copies, of the flags, which are packed, a byte each."""
+        """The bytes that a check takes: three copies of the sets, and for each packed flag a byte."""
         return 3 * sizes(arrays) + 8 * int(arrays["allowed"].nbytes)
 
     def cover(self) -> list[str]:
-        """Faults of the cells, a line each: do they cover every axis, those of a joint a turn, 2 pi?"""
+        """The faults of the cells, a text each; [] if they cover every axis, those of a joint a turn, 2 pi."""
         box = self.scene.box
         turn = None, 2 * PI[0], 2 * PI[1], KNOWN_TURN
         return self.uncovered([turn] * 2 + [(-box, 2 * box, 2 * box, Fraction(0))] * 2)  # check 1.3
 
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
-        """All claims, checked; those of single cells in `samples` rows drawn by `seed`, or in all for None.
+        """Yield all claims, checked; those of single cells for `samples` random rows, or for all rows if it is None.
 
-        Only the first where cells do not cover the axes. silent : without a progress bar.
+        Only the first where cells do not cover the axes. seed : of the rows drawn. silent : show no progress bar.
         """
         yield Claim(COVER, 4, 4, wrong := self.cover())
         if wrong:  # nothing else in the file means what it says
             return
-        world, (counts, grow) = self.scene.world(self.edges), counted(self)
+        world, (counts, grow) = self.scene.world(self.edges), cells_added(self)
         yield grow
         rows = np.random.default_rng(seed).permutation(self.index.shape[1])[:samples]
         failed, example = self.checked(rows, world, silent)
@@ -217,9 +230,9 @@ class Arm(Sets):
             yield Claim(name, made, seen, wrong, int(failed[:, kind].sum()), edge)
 
     def checked(self, rows: Array, world: World, silent: bool) -> tuple[Array, Array]:
-        """How many claims of each kind of rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
+        """How many claims of each kind in rows (R,) are not proved, and an example of each: both (R, steps + 2) int64.
 
-        By `check_rows`, whose kinds and examples these are, in threads. silent : without a progress bar.
+        By `check_rows`, which says what kinds and examples are, in threads. silent : show no progress bar.
         """
         eroded, still = np.empty_like(self.pool), [Fraction(0)]
         erode_all(self.pool, self.ends(2, still)[0], self.ends(3, still)[0], eroded)
@@ -227,12 +240,12 @@ class Arm(Sets):
         stored = Stored(self.pairs, self.index, self.pool, eroded, self.allowed, *ends)
         failed, example = np.zeros((2, len(rows), self.steps + 2), np.int64)
         with tqdm(total=len(rows), desc="verify", unit="row", disable=silent) as bar:
-            for done in shared(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
+            for done in in_threads(len(rows), lambda at: check_rows(rows[at], world, stored, failed[at], example[at])):
                 bar.update(done)
         return failed, example
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
-        """The cells that each cell of an axis may end in for each drift, (drifts, n, most), the last one repeated.
+        """The cells that each cell of an axis may end in for each drift: (drifts, n, most) int, the last one repeated.
 
         drifts : velocities of the input, to which the adversary adds its push.
         """
@@ -243,10 +256,10 @@ class Arm(Sets):
 
 
 def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list[int]]:
-    """For each cell of an axis the numbers, ascending, of those that a prediction may be in after one interval.
+    """For each cell of an axis the indices, ascending, of the cells that a prediction may be in after one interval.
 
-    slow, fast : the least and the greatest velocity, slow <= 0 <= fast on an axis with walls. What a wall stops ends in
-    the outermost cell, which the image overlaps anyway: it came from there or passed it.
+    slow, fast : the least and the greatest velocity; slow <= 0 <= fast on an axis with walls. A state that a wall stops
+        is in the outermost cell, which the image overlaps anyway: the state came from there or passed it.
     """
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
     # check 3.3
@@ -267,8 +280,11 @@ def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list
     return out
 
 
-def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
-    """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yields how many rows each slice had."""
+def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
+    """Call `work` on slices of `count` rows, `ROWS_AT_ONCE` each, in threads; yield how many rows each slice had.
+
+    As slices are done, in order; what `work` raises is raised here.
+    """
     with ThreadPoolExecutor(numba.get_num_threads()) as threads:
         parts = [slice(begin, min(begin + ROWS_AT_ONCE, count)) for begin in range(0, count, ROWS_AT_ONCE)]
         for part, _ in zip(parts, threads.map(work, parts), strict=True):
@@ -276,13 +292,15 @@ def shared(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 
 
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """Write to `out` what `erode` makes of every block of a pool, in threads; the arguments are those of `erode`."""
-    sum(shared(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
+    """`erode` for every block of a pool, in threads, with its arguments; the results are written to `out`."""
+    sum(in_threads(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 
-def counted(arm: Any) -> tuple[Array, Claim]:
-    """How many cells the sets within 0, 1, ... steps add to each row, (rows, steps + 1, 2): all, and those at the
-    boundary; and the claim that sets grow with the steps to go, checked.
+def cells_added(arm: Any) -> tuple[Array, Claim]:
+    """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
+
+    (rows, steps + 1, 2) int64, over all starts: all cells that sets within 0, 1, ... steps add, and those at the
+    boundary, which have a neighbour outside the set. arm : an `Arm`.
     """
     index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
     along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])

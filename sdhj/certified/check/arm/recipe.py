@@ -19,7 +19,10 @@ STATES = 300
 
 
 def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> None:
-    """Raise ValueError unless what the head describes is the arm of the recipe that a `Scene` was made of."""
+    """Raise ValueError unless what the head describes is the arm of the recipe that `scene`, a `Scene`, was made of.
+
+    arrays : the open file.
+    """
     given, grid, functions = scene.given, Grid(head["grid"]), Functions(head, arrays, None)
     inputs, box = np.array(scene.inputs(), dtype=np.float64), float(scene.box)
     upper = np.array([np.pi, np.pi, box, box])
@@ -49,18 +52,18 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
 
 
 def near(one: Any, other: Any) -> bool:
-    """Whether two arrays have the same shape and differ by less than `CLOSE`."""
+    """Whether two arrays have as many entries, the same last axis, and differ by less than `CLOSE` in every entry."""
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     return one.shape[-1:] == other.shape[-1:] and one.size == other.size and bool((np.abs(one - other) < CLOSE).all())
 
 
 def chased(scene: Any) -> bool:
-    """Whether the adversary is a pursuer."""
+    """Whether the adversary is a pursuer, which the arm must not touch, and not an evader."""
     return bool(scene.agent == "pursuer")
 
 
 def joints(q: Array, scene: Any) -> tuple[Array, Array]:
-    """Elbow and tip of the arm at states (M, 4), both (M, 2)."""
+    """The elbow and the tip of the arm at states (M, 4): both (M, 2), m."""
     first, second = scene.given["lengths"]
     relative = scene.given["kinematics"] == "relative"  # else Eq. (8) as printed: l1 + l2, and the angle q2
     turned, length = q[:, 1] + q[:, 0] * relative, second + first * (not relative)
@@ -69,34 +72,34 @@ def joints(q: Array, scene: Any) -> tuple[Array, Array]:
 
 
 def arm_to(q: Array, places: Array, scene: Any) -> Array:
-    """Distance of places (M, 2) from the arm's links at states (M, 4): (M,)."""
+    """The distance of places (M, 2) from the nearest link of the arm at states (M, 4): (M,), m."""
     elbow, tip = joints(q, scene)
     return np.minimum(to_link(0.0 * elbow, elbow, places), to_link(elbow, tip, places))
 
 
 def to_link(begin: Array, end: Array, places: Array) -> Array:
-    """Distance of places from the links that go from begin to end, all (M, 2): (M,)."""
+    """The distance of places from segments that go from `begin` to `end`, (M, 2) each: (M,)."""
     along = end - begin
     share = ((places - begin) * along).sum(axis=1) / (along**2).sum(axis=1)
     return np.asarray(np.hypot(*(begin + np.clip(share, 0.0, 1.0)[:, None] * along - places).T))
 
 
 def centre(disk: Array, t: float) -> Array:
-    """Where a disk, as `separation.disk_at` reads it, is at a time, (2,)."""
+    """The centre (2,) of a disk (8,), as `separation.disk_at` reads it, at time t, s."""
     x, y, vx, vy, radius, rate, phase, _ = disk
     return np.array([x + vx * t + radius * np.cos(rate * t + phase), y + vy * t + radius * np.sin(rate * t + phase)])
 
 
 def obstacles(q: Array, t: float, scene: Any) -> Array:
-    """The distance of the arm at states (M, 4) from the nearest obstacle, grown by the links' width, at time t: (M,).
+    """The distance of the arm at states (M, 4) from the nearest obstacle at time t, less the radius: (M,), m.
 
-    <= 0 where they meet.
+    Obstacles are grown by the links' width, so it is <= 0 where the arm meets one. There must be an obstacle.
     """
     each = [arm_to(q, centre(disk, t) + 0.0 * q[:, 2:], scene) - disk[7] for disk in scene.disks]
     return np.asarray(np.min(each, axis=0))
 
 
 def goal(q: Array, t: float, scene: Any) -> Array:
-    """The distance of the tip at states (M, 4) from the target's centre at time t, minus its radius: (M,)."""
+    """The distance of the tip at states (M, 4) from the target's centre at time t, less its radius: (M,), m."""
     at = centre(scene.goal, t) if chased(scene) else q[:, 2:]
     return np.asarray(np.hypot(*(joints(q, scene)[1] - at).T) - scene.goal[7])

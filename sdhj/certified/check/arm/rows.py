@@ -22,7 +22,10 @@ class Stored(NamedTuple):
 
 @compiled()
 def agent_cell(bit, duration, world, part):
-    """Write the bounds of the agent's cell number `bit`, and times from 0 to `duration`, into a part (14,)."""
+    """Write the bounds of the agent's cell number `bit`, and times from 0 to `duration`, s, to `part` (14,), in place.
+
+    `separation` says what a part is.
+    """
     ny = world.y.size - 1
     part[4:6], part[6:8] = world.x[bit // ny : bit // ny + 2], world.y[bit % ny : bit % ny + 2]
     part[8], part[9] = 0.0, duration
@@ -30,10 +33,10 @@ def agent_cell(bit, duration, world, part):
 
 @compiled()
 def settle(velocity, duration, world, bench, bits):
-    """Drop from the bits, in place, the agent's cells from which it is not proved, one by one, that the agent stays
-    clear of the arm for `duration`, s, under a velocity (2,) of the joints.
+    """Drop from bits (words,), in place, the agent's cells from which it is not proved that the arm stays clear.
 
-    bench : the joints' cells, as of `bench_of`.
+    Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one. bench
+    : the row's, of `bench_of`.
     """
     agent = (len(world.disks), len(world.disks) + 1)
     for bit in range(64 * bits.size):
@@ -48,7 +51,7 @@ def settle(velocity, duration, world, bench, bits):
 
 @compiled()
 def bench_of(i1, i2, world):
-    """A `Bench`, room to work on the row of joint cells i1, i2, with their bounds, and those of pushes, written in."""
+    """A new `Bench` for the row of joint cells i1, i2; their bounds and those of pushes are in its `part`."""
     nx, part = world.x.size - 1, np.zeros(BOUNDS)
     part[0:2], part[2:4] = world.q1[i1 : i1 + 2], world.q2[i2 : i2 + 2]
     part[10], part[11], part[12], part[13] = -world.push, world.push, -world.push, world.push  # check 4.13
@@ -57,9 +60,9 @@ def bench_of(i1, i2, world):
 
 @compiled()
 def check_flags(i1, i2, world, stored):
-    """Check the flags of joint cells i1, i2: for each start and input that the arm is clear of all obstacles.
+    """Check the flags of joint cells i1, i2: that the arm clears all obstacles from a start, under an input.
 
-    Returns how many are not proved, and one of them as start * L + j.
+    Returns how many are not proved, and one of these as start * L + j. stored : the file's `Stored`.
     """
     bench, failed, example = bench_of(i1, i2, world), 0, 0
     bench.part[9] = world.held
@@ -74,9 +77,9 @@ def check_flags(i1, i2, world, stored):
 
 @compiled()
 def check_goals(world, stored, bench, todo):
-    """Drop from todo (entries, words), in place, what is proved of S_k^0: inside the target, clear of all else at t_k.
+    """Drop from todo (entries, words), in place, what is proved of S_k^0: in the target, and clear of all else at t_k.
 
-    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of `bench`.
+    todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row of `bench`.
     """
     need, still = np.zeros_like(todo[0]), world.inputs[0]
     for place in range(len(todo)):
@@ -106,10 +109,12 @@ def check_goals(world, stored, bench, todo):
 
 @compiled()
 def reaching(ends1, ends2, blocks, n2, eroded, bits):
-    """Drop from the bits (words,), in place, cells from which something that can be reached is not in a set.
+    """Drop from bits (words,), in place, the agent's cells from which something that can be reached is not in a set.
 
-    ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated. blocks (rows,) : the set, and
-    eroded (blocks, words) its eroded blocks, for all that the agent may do. n2 : cells of the second joint.
+    ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated.
+    blocks (rows,), eroded (blocks, words) : the set's blocks, by number, and each block eroded for all that the agent
+        may do.
+    n2 : how many cells the second joint has.
     """
     for a in range(ends1.size):  # check 5.2
         for b in range(ends2.size):  # check 5.3
@@ -122,10 +127,10 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
 
 @compiled()
 def check_steps(i1, i2, world, stored, bench, todo):
-    """Drop from todo (entries, words), in place, what is proved of S_k^n: some input is safe and ends in S_{k+1}^{n-1}.
+    """Drop from todo (entries, words), in place, what is proved of S_k^n: a clear input leads into S_{k+1}^{n-1}.
 
-    todo : of each entry of the index the agent's cells, as bits, that are to be proved in the row of joint cells i1,
-    i2, which is that of `bench`.
+    todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row of joint cells i1,
+        i2, which is that of `bench`. The flags of obstacles are believed here.
     """
     steps, n2 = len(stored.allowed), world.q2.size - 1
     able, need = np.zeros_like(todo), np.empty_like(todo[0])
@@ -152,7 +157,7 @@ def check_steps(i1, i2, world, stored, bench, todo):
 
 @compiled()
 def unproved(i1, i2, world, stored):
-    """The cells that each set adds in the row of joint cells i1, i2 and that are not proved: (entries, words)."""
+    """The agent's cells that sets add in the row of joint cells i1, i2 and that are not proved: (entries, words)."""
     bench, row = bench_of(i1, i2, world), i1 * (world.q2.size - 1) + i2
     todo = np.empty((stored.places.shape[0], stored.pool.shape[1]), np.uint64)
     for place in range(len(todo)):
@@ -168,8 +173,9 @@ def unproved(i1, i2, world, stored):
 def check_rows(rows, world, stored, failed, example):
     """Check all claims of rows (R,), numbers of pairs of joint cells; threads may share the rows out.
 
-    failed, example (R, kinds), modified in place: how many claims of each kind are not proved, and a number that names
-    one of them. Kind 0 are the flags, 1 + n the cells that the sets within n add.
+    failed, example (R, kinds), modified in place : how many claims of each kind are not proved, and one of these as a
+        number. Kind 0 are the flags, numbered start * L + j; kind 1 + n are the cells that sets within n steps add,
+        numbered start * (the agent's cells) + cell.
     """
     n2, cells = world.q2.size - 1, (world.x.size - 1) * (world.y.size - 1)
     for number in range(len(rows)):
@@ -189,9 +195,10 @@ def check_rows(rows, world, stored, failed, example):
 
 @compiled()
 def clear_of_claims(row, j, ids, marks, world, bench, bits):
-    """Write into bits (words,) the agent's cells of a row for which some word claims u_j and that are proved clear.
+    """Write to bits (words,), in place, the agent's cells of a row from which u_j is claimed and the arm proved clear.
 
-    Clear of the arm, that is, for the whole interval under u_j. ids, marks : as of `words_hold`.
+    Claimed by the word of any start, and clear of the agent for the whole interval; obstacles are not looked at. row :
+    its number. ids, marks : as for `words_hold`. bench : the row's.
     """
     bits[:] = NONE
     for start in range(len(ids)):
@@ -209,11 +216,14 @@ def clear_of_claims(row, j, ids, marks, world, bench, bits):
 
 @compiled(nogil=True)
 def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
-    """Check every input that words claim, of some rows; threads may share the rows out.
+    """Check every input that exported words claim in rows (R,); threads may share the rows out.
 
-    ids (starts, R, cells): the word of each cell. marks (4, words, L) bool: the inputs that a word claims to be
-    selected, safe, among all steps' and clear. ahead (2, starts, R, cells): the steps to go by which the first two are
-    safe, and the third. made, failed (rows, 4), modified in place: how many claims there are, and are not proved.
+    ids (starts, all rows, cells) : the number of each cell's word.
+    ahead (2, starts, all rows, cells) : the steps to go by which a claim of the first two kinds is meant, and one of
+        the third.
+    marks (4, words, L) bool : the inputs that a word claims, in four kinds: selected, safe, safe by all steps, and
+        clear.
+    made, failed (R, 4), modified in place : how many claims of each kind there are, and how many are not proved.
     """
     n2, steps = world.q2.size - 1, len(stored.allowed)
     clear, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])

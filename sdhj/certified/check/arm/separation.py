@@ -67,9 +67,10 @@ class World(NamedTuple):
 
 @compiled(**UNCOUNTED)
 def moved(part, velocity, world, box):
-    """Write into `box` all that can be reached from a part under a velocity (2,) of the joints, errors included.
+    """Write to `box` all that can be reached from a part under a velocity (2,) of the joints, errors included.
 
-    The middle of the box can be reached from the middle of the part.
+    In place. The middle of the box can be reached from the middle of the part. The comment above says what a part and a
+    box are.
     """
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
@@ -86,7 +87,10 @@ def moved(part, velocity, world, box):
 
 @compiled(**UNCOUNTED)
 def pose_of(box, arm):
-    """(ex, ey, fx, fy, d1, d2): elbow E and forearm F of the arm in the middle of a box, half widths of the joints."""
+    """(ex, ey, fx, fy, d1, d2): elbow E and forearm F in the middle of a box, and half the widths of the joints.
+
+    arm (3,) : as in `World`.
+    """
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
     e, f, phi = arm[0], arm[1], arm[2] * q1 + q2
     widths = (box[1] - box[0]) / 2, (box[3] - box[2]) / 2
@@ -114,9 +118,10 @@ def farthest(nx, ny, link, pose, turn):
 
 @compiled(**UNCOUNTED)
 def disk_at(disk, t):
-    """Centre and velocity at time t of a disk whose centre is (x, y) + (vx, vy) t + radius (cos, sin)(rate t + phase).
+    """(x, y, vx, vy), the centre and the velocity of a disk at time t, s.
 
-    `disk` holds x, y, vx, vy, radius, rate, phase and a distance that is not used here.
+    The centre is at (x, y) + (vx, vy) t + radius (cos, sin)(rate t + phase). disk (8,) : x, y, vx, vy, radius, rate,
+    phase, and a distance that is not used here.
     """
     c, s = disk[4] * math.cos(disk[5] * t + disk[6]), disk[4] * math.sin(disk[5] * t + disk[6])
     return disk[0] + disk[2] * t + c, disk[1] + disk[3] * t + s, disk[2] - disk[5] * s, disk[3] + disk[5] * c
@@ -124,11 +129,13 @@ def disk_at(disk, t):
 
 @compiled(**UNCOUNTED)
 def body_of(box, body, start, world):
-    """The body that a link must not meet: centre, half sizes of its box, moves around it, contact distance.
+    """The body that a link must not meet, as (x, y, hx, hy, move_x, move_y, bend, distance at contact), in m.
 
-    body : the number of an obstacle, or the one after them for the agent. A disk's centre is within h v + bend of the
-    one in the middle of the time, h being half its length, v the velocity there and bend = h^2 / 2 times the
-    acceleration on a circle.
+    Its centre is within hx, hy, a multiple in [-1, 1] of the move, and bend of (x, y), for all states and times of the
+    box. A disk's centre is within h v + bend of that in the middle of the time, h being half its length, v the velocity
+    there and bend = h^2 / 2 times the acceleration on a circle.
+
+    body : the number of an obstacle, or the one after all of them for the agent. start : when the interval begins, s.
     """
     if body == len(world.disks):
         x, y = (box[4] + box[5]) / 2, (box[6] + box[7]) / 2
@@ -143,9 +150,9 @@ def body_of(box, body, start, world):
 
 @compiled(**UNCOUNTED)
 def ahead(nx, ny, link, pose, body, turn):
-    """A lower bound on how far a body is ahead of a link along the unit vector n, for everything in the box, m.
+    """A lower bound on how far a body is ahead of a link along the unit vector n = (nx, ny), for all of a box, m.
 
-    body : as `body_of` returns it; pose, turn : as of `farthest`.
+    body : as `body_of` returns it. pose, turn : as for `farthest`.
     """
     x, y, hx, hy, move_x, move_y, bend, _ = body
     behind = abs(nx) * hx + abs(ny) * hy + abs(nx * move_x + ny * move_y) + bend  # check 4.18
@@ -154,10 +161,11 @@ def ahead(nx, ny, link, pose, body, turn):
 
 @compiled(**UNCOUNTED)
 def separated(link, pose, body, turn):
-    """Whether one direction proves that a link stays clear of a body; and their gap in the middle of the box, m.
+    """Whether some direction proves that a link stays clear of a body; and their distance in the middle of the box, m.
 
-    link, pose, turn : as of `farthest`; body : as `body_of` returns it.
-    The first direction is that of the gap, which is then turned while that helps.
+    The first direction tried is that from the link to the body there, which is then turned while that helps.
+
+    link, pose, turn : as for `farthest`. body : as `body_of` returns it.
     """
     ax, ay, fx, fy = (0.0, 0.0, pose[0], pose[1]) if link == 0 else (pose[0], pose[1], pose[2], pose[3])
     s = ((body[0] - ax) * fx + (body[1] - ay) * fy) / (fx * fx + fy * fy)
@@ -181,14 +189,14 @@ def separated(link, pose, body, turn):
 
 @compiled(**UNCOUNTED)
 def copy(source, target):
-    """target[k] = source[k] for all k."""
+    """target[k] = source[k] for all k, in place."""
     for k in range(source.size):
         target[k] = source[k]
 
 
 @compiled(**UNCOUNTED)
 def halve(part, weights, first, second):
-    """Cut a part in two, written into `first` and `second`, across its widest pair of bounds.
+    """Cut a part in two across its widest pair of bounds, and write the halves to `first` and `second`.
 
     The width of the k-th pair counts weights[k] times; pairs without a weight are never cut.
     """
@@ -204,9 +212,10 @@ def halve(part, weights, first, second):
 
 @compiled(**UNCOUNTED)
 def link_clear(link, body, part, velocity, start, world, stack):
-    """Whether it is proved that a link stays clear of a body, from anywhere in a part, at all its times.
+    """Whether it is proved that a link stays clear of a body, from anywhere in a part and at all its times.
 
-    velocity (2,) : the input. start : of the interval. stack (STACK, BOUNDS) : scratch.
+    link : 0 or 1. body : as for `body_of`. velocity (2,) : of the joints, the input. start : when the interval begins,
+        s. stack (STACK, BOUNDS) : overwritten. False, too, where more than `GRANTED` boxes would be needed.
     """
     l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
     fastest = (abs(velocity[0]) + world.push) * l1 + (abs(velocity[1]) + world.push) * l2 + agent * world.agent[0]
@@ -235,7 +244,7 @@ def link_clear(link, body, part, velocity, start, world, stack):
 
 @compiled(**UNCOUNTED)
 def clear(bodies, part, velocity, start, world, stack):
-    """Whether it is proved that both links stay clear of the bodies from number bodies[0] to bodies[1] - 1.
+    """Whether it is proved that both links stay clear of the bodies with numbers bodies[0] to bodies[1] - 1.
 
     The other arguments are those of `link_clear`.
     """
@@ -248,10 +257,10 @@ def clear(bodies, part, velocity, start, world, stack):
 
 @compiled(**UNCOUNTED)
 def tip_inside(part, t, world, stack):
-    """Whether every tip of a part is inside the target at time t.
+    """Whether it is proved that the tip is inside the target at time t, s, for all states of a part.
 
     The tip is off T + (linear terms) by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest at a corner
-    of a parallelogram, or of the agent's cell where that is the target.
+    of a parallelogram, or of the agent's cell where the agent is the target. stack (STACK, BOUNDS) : overwritten.
     """
     moved(part, world.inputs[0], world, stack[0])  # by the error of states
     l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
@@ -287,7 +296,7 @@ def tip_inside(part, t, world, stack):
 
 
 class Bench(NamedTuple):
-    """Room to work on one row: the bounds of its joints and of one of the agent's cells, and scratch."""
+    """Room to work on one row: the bounds of its joints and of one of the agent's cells, and scratch arrays."""
 
     part: Array  # (BOUNDS,) see above
     low: Array  # (nx,) `beyond`
@@ -297,10 +306,11 @@ class Bench(NamedTuple):
 
 @compiled(**UNCOUNTED)
 def beyond(nx, ny, bound, grow, edges_x, low, high):
-    """Tighten low and high, so that a cell of column x above high[x] or below low[x] is beyond `bound` along n.
+    """Tighten low and high (nx,), in place, so that the agent's cells above high[x] or below low[x] are beyond a link.
 
-    The cell is grown by `grow` on each side. Both are (nx,) and modified in place. ny must not be 0; however small it
-    is, dividing by it is harmless: along n an error of the level counts only ny times.
+    A cell of column x, grown by `grow` on each side, is then more than `bound` along n = (nx, ny). ny must not be 0;
+    however small it is, dividing by it is harmless: along n an error of the level counts only ny times. edges_x (nx +
+    1,) : of the columns.
     """
     up = 1.0 if ny > 0.0 else -1.0
     base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny  # check 4.21
@@ -317,9 +327,9 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
 
 @compiled(**UNCOUNTED)
 def sweep(j, duration, world, bench, bits):
-    """Drop from the bits, in place, the agent's cells that a few directions do not prove clear of the arm under u_j.
+    """Drop from bits (words,), in place, the agent's cells that a few directions do not prove clear of the arm.
 
-    From time 0 to `duration`, s, in parts, for the joints' cells of the bench.
+    Under u_j, from time 0 to `duration`, s, in parts, for the joints' cells of the bench. bits : uint64.
     """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
