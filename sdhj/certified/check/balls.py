@@ -25,12 +25,12 @@ PRECISION = 200  # bits
 
 
 def whole(a: Any) -> Any:
-    """floor(a), the whole number that all numbers of a ball are rounded down to; None where there are several."""
+    """floor(a), the whole number that all numbers of a ball a are rounded down to, a ball; None: there are several."""
     return a.floor() if a.floor().is_exact() else None
 
 
 def compared(truth: Callable[[Any, Any], bool], opposite: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
-    """A comparison as a function of two balls: 1 where it surely holds, 0 where it surely does not, else None.
+    """A comparison as a function of two balls, which returns the ball 1 or 0 where it surely holds or fails, else None.
 
     truth, opposite : whether the comparison, or its opposite, holds for all numbers of two balls.
     """
@@ -85,8 +85,8 @@ def interpolated(*given: Any) -> Any:
 
     None where a coordinate's ball leaves open between which nodes it lies.
 
-    given : the coordinates, a ball for each axis; then the table, `lower` and `spacing` of its nodes, and one more that
-        is not used.
+    given : the coordinates, a ball for each axis; then the table, the lists `lower` and `spacing` of its nodes, and one
+        more argument that is not used: what a node `gridded` has in `given`.
     """
     *at, table, lower, spacing, _ = given
     places, shares, value = [], [], flint.arb(0)
@@ -108,8 +108,10 @@ def interpolated(*given: Any) -> Any:
 def of_node(node: Node, values: dict[int, Any], point: Sequence[float], parameters: Sequence[float]) -> Any:
     """The ball that holds the value of a node, from the balls of its operands; None where undefined or left open.
 
-    values : the balls of earlier nodes, by their numbers. point : the coordinates. parameters : the time, and what else
-        the formula is given.
+    None, too, where an operand that counts is None.
+
+    values : by number the balls of all nodes that are its operands. point : the coordinates.
+    parameters : the time, and after it the components of a disturbance that the formula reads.
     """
     operands = [values[number] for number in node.operands]
     if node.name in ("x", "p", "const"):
@@ -126,7 +128,8 @@ def of_node(node: Node, values: dict[int, Any], point: Sequence[float], paramete
 def values_at(formula: Formula, point: Sequence[float], parameters: Sequence[float]) -> list[Any]:
     """A ball for the value of each result of a formula at a point; None where it is undefined, or left open by balls.
 
-    point, parameters : as for `of_node`.
+    point : the coordinates. parameters : the time, and after it the components of a disturbance that the formula reads.
+    Balls have `PRECISION` bits. python-flint must be installed.
     """
     values: dict[int, Any] = {}
     with flint.ctx.workprec(PRECISION):
@@ -141,10 +144,10 @@ def outside(formula: Formula, low: Array, high: Array, times: tuple[float, float
 
     low, high : (M, coordinates), the corners of the boxes. Bounds over the box are compared, and bounds over the state
         alone, which leave room for rounding only. Values for which a ball leaves something open are not counted.
-    times : the least and the greatest time, s, of which one is drawn. The components of a disturbance that a velocity
-        reads are drawn from -1 to 1.
+    times : the least and the greatest time, s; one is drawn between them, for all boxes. The components of a
+        disturbance that a velocity reads are drawn from -1 to 1, once for all boxes, too. seed : of all that is drawn.
 
-    What is beyond its bounds is returned as (state, ball, least, greatest).
+    What is beyond its bounds is returned as (state, ball, least, greatest). python-flint must be installed.
     """
     rng, pushes = np.random.default_rng(seed), max((n.given[0] for n in formula.nodes if n.name == "p"), default=0)
     points = rng.uniform(low, high)

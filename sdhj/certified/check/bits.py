@@ -1,7 +1,8 @@
 """Operations on the packed sets of a file, and how they are compiled.
 
-A *block* holds the bits of the agent's cells for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit
-x * ny + y, bit b is bit b % 64 of word b // 64. Cells of a robot of one's own are `packed`, eight of a row in a byte.
+The agent is the pursuer or the evader of an arm, whose position is in the state. A *block* holds the bits of its cells
+for one pair of joint cells (a *row*): cell (x, y) of nx times ny is bit x * ny + y, bit b bit b % 64 of word b // 64.
+Cells of a robot of one's own are `packed`, eight of a row in a byte.
 """
 
 import os
@@ -37,7 +38,10 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     """
 
     def compile_it(function: Any) -> Any:
-        """The compiled function; its code is kept on disk behind a digest, where a folder can be written."""
+        """The function compiled; its code is kept on disk behind a digest, where a folder can be written.
+
+        function : one that Numba compiles. Nothing is compiled before it is called.
+        """
         try:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # no folder for it can be written
@@ -54,11 +58,15 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 class Kept:
     """Machine code kept on disk, in files that begin with a digest of the code and of the sources it was made of.
 
-    It stands in for an object of Numba, the files of its cache, and has the methods `load` and `save` that Numba calls.
+    It stands in for an object of Numba, the files of its cache (`numba.core.caching.IndexDataCacheFile`), and has the
+    methods `load` and `save` that Numba calls.
     """
 
     def __init__(self, files: Any) -> None:
-        """Keep code in the folder of Numba's cache `files`, stamped with Numba's version and this folder's sources."""
+        """Keep code in the folder of Numba's cache `files`, stamped with Numba's version and this folder's sources.
+
+        files : the object of Numba that this one stands in for. Nothing is read or written yet.
+        """
         self.files, self.made_of = files, f"{numba.__version__} {files._source_stamp!r} {SOURCES}".encode()
 
     def place(self, key: Any) -> Path:
@@ -75,7 +83,10 @@ class Kept:
         return code if known == key else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the code `data` under a key, behind its digest; the file appears whole or not at all."""
+        """Keep the code `data` under a key, behind its digest; the file appears whole or not at all.
+
+        In place of one that is there. OSError where it cannot be written.
+        """
         code, beside = self.files._dump((key, data)), self.place(key).with_suffix(f".{uuid.uuid4().hex}")
         try:
             beside.write_bytes(blake2b(self.made_of + code).digest() + code)
@@ -86,13 +97,13 @@ class Kept:
 
 @compiled()
 def has(block, bit):
-    """Whether bit number `bit` of packed words, `block` (words,) uint64, is set."""
+    """Whether bit number `bit` of packed words, `block` (words,) uint64, is set; it must be one of these."""
     return (block[bit >> 6] >> np.uint64(bit & 63)) & ONE != NONE
 
 
 @compiled()
 def drop(block, start, stop):
-    """Clear the bits start..stop-1 of packed words, `block` (words,) uint64, in place."""
+    """Clear the bits start..stop-1 of packed words, `block` (words,) uint64, in place; start < stop."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         mask = ~NONE
         if word == start >> 6:
@@ -112,12 +123,18 @@ def any_bit(block):
 
 
 def packed(flags: Array) -> Array:
-    """Flags, eight of the last axis in a byte."""
+    """Flags (..., n) as bits, eight of the last axis in a byte: (..., bytes) uint8, the first in the lowest bit.
+
+    What is left of the last byte is 0. flags : bool, or 0 and 1.
+    """
     return np.packbits(flags, axis=-1, bitorder="little")
 
 
 def unpacked(some: Array, count: int) -> Array:
-    """The flags of bytes, so many of the last axis."""
+    """The first `count` flags of the last axis of packed bytes: (..., count) bool, the inverse of `packed`.
+
+    some (..., bytes) : uint8, with at least `count` bits.
+    """
     return np.unpackbits(some, axis=-1, count=count, bitorder="little").view(np.bool_)
 
 
@@ -125,7 +142,8 @@ def erode(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
     """For every block of `pool` write the cells (x, y) for which it has all of along_x[x] x along_y[y] to `out`.
 
     pool, out : (blocks, words) uint64; blocks do not depend on one another, so threads may share them out.
-    along_x (nx, most), along_y (ny, most) : for each cell of an axis the cells that are needed, the last one repeated.
+    along_x (nx, most), along_y (ny, most) : for each cell of an axis the cells that are needed, int, each on the axis;
+        where there are fewer than `most` the last one is repeated.
     """
     words, cells = pool.shape[1], np.indices((len(along_x), len(along_y))).reshape(2, -1)
 

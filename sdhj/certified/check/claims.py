@@ -20,6 +20,7 @@ class Claim:
     name : what is claimed.
     made, checked : numbers of claims.
     failures : a text for each claim that was not proved, or for the first ones where `number` says how many there are.
+    number : how many were not proved; None: as many as there are `failures`.
     boundary : how many of the cells of which a claim is made, and of those checked, have a neighbour outside their set;
         None where that means nothing.
     """
@@ -47,13 +48,16 @@ class Claim:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The result of `verify`: all claims of a file, with what was checked and what was not proved of each."""
+    """The result of `verify`: all claims of a file, with what was checked and what was not proved of each.
+
+    claims : a `Claim` for each kind.
+    """
 
     claims: tuple[Claim, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether nothing that was checked failed, in any claim."""
+        """Whether nothing that was checked failed, in any claim; of a sample this proves nothing of the rest."""
         return all(claim.failed == 0 for claim in self.claims)
 
     def __str__(self) -> str:

@@ -31,7 +31,7 @@ class Grid:
     """
 
     def __init__(self, head: Mapping[str, Any]) -> None:
-        """Read the grid in the head of a file; ValueError where it is none."""
+        """Read a grid; ValueError where it is none. head : the entry "grid" of the head of a file."""
         lower, upper, periodic, shape = (head[name] for name in ("lower", "upper", "periodic", "shape"))
         ends = tuple((low, high) for low, high in head["ends"])
         # check 7.28
@@ -63,23 +63,24 @@ class BlackBox:
     def __init__(
         self, name: str, given: Any, results: int = 1, components: int = 1, inputs: tuple[Any, ...] = ()
     ) -> None:
-        """Keep the arguments, which are those of the class."""
+        """Keep the arguments, which the class describes; a generator of states, seeded with 0, is made."""
         self.name, self.given, self.inputs = name, given, inputs
         self.results, self.components, self.rng = results, components, np.random.default_rng(0)
 
     def reads(self, leaf: str, number: int | None = None) -> bool:
         """Whether it may depend on the coordinates, leaf "x": always; or on the time, leaf "p": unless its rate is 0.
 
-        number : not used; of a formula, which coordinate or parameter.
+        number : ignored; there for `Formula.reads`, which is asked of one coordinate or parameter.
         """
         return leaf == "x" or self.given.rate is None or bool(np.any(self.given.rate))
 
     def bounds(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
         """The least and the greatest values, as its author states them, over boxes and times: both (M, results).
 
-        They are tried at a random state of each box, at both times; ValueError where a value is beyond them.
+        They are tried at a random state of each box, at both times; ValueError where a value is beyond them, and where
+        neither an enclosure nor slope and rate are stated. NaN where a bound is not finite.
 
-        low, high : (M, coordinates). times : from s to s.
+        low, high : the boxes, (M, coordinates). times : from s to s.
         """
         least, most = self.stated(low, high, times)
         for time in times:
@@ -92,10 +93,13 @@ class BlackBox:
         return least, most
 
     def stated(self, low: Array, high: Array, times: Times) -> tuple[Array, Array]:
-        """The bounds, both (M, results), that the author states, by an enclosure or else by slope and rate.
+        """The bounds over boxes and times that the author states, by an enclosure or else by slope and rate.
 
-        By slope and rate: the value in the middle of the box and of the times, +- slope |half width| + rate * half the
-        duration, rounded outward. NaN where a bound is not finite. ValueError where neither is stated.
+        Both (M, results). By slope and rate: the value in the middle of the box and of the times, +- slope |half width|
+        + rate * half the duration, rounded outward. NaN where a bound is not finite. ValueError where neither is
+        stated; the rate may be missing where both times are the same.
+
+        low, high : the boxes, (M, coordinates). times : from s to s.
         """
         if self.given.enclosure is not None:
             least, most = self.given.enclosure(low, high, *self.inputs, *times)
@@ -107,7 +111,7 @@ class BlackBox:
         def change(by: Array, duration: float) -> Array:
             """At most how far values change over displacements `by` (M, coordinates) and a duration, s: (M, results).
 
-            slope |by| + rate * duration.
+            slope |by| + rate * duration, with the length of `by` where the slope is a number. by : not below 0.
             """
             # check 1.13
             far = by @ np.atleast_2d(slope).T if np.ndim(slope) else slope * np.linalg.norm(by, axis=1, keepdims=True)
@@ -120,20 +124,23 @@ class BlackBox:
         return intervals.sure(value - each, value + each)
 
     def shaped(self, answer: Any) -> Array:
-        """What the function has returned for M points as float64 (M, results)."""
+        """What the function has returned for M points as float64 (M, results); ValueError for another number."""
         return np.asarray(answer, dtype=np.float64).reshape(-1, self.results)
 
 
 class OfInputs:
     """A function of which every input has its own, such as the drift: bounds over boxes of many inputs at once.
 
+    constant : whether all inputs have one formula that reads neither coordinates nor parameters.
+
     Formulas that differ in constants alone are evaluated as one, of which these constants are parameters: many inputs
     then take no longer than one with as many boxes.
     """
 
     def __init__(self, each: Sequence[Any], results: int, parameters: int = 1) -> None:
-        """Sort the functions `each`, a `Formula` or a `BlackBox` for every input, with so many results, into kinds.
+        """Sort the functions into kinds: formulas that differ in constants alone are one, each black box is its own.
 
+        each : for every input a `Formula` or a `BlackBox`; at least one. results : how many results each has.
         parameters : how many parameters the formulas have already; constants become parameters behind these.
         """
         self.results = results
@@ -159,10 +166,10 @@ class OfInputs:
     def bounds(self, inputs: Array, low: Array, high: Array, *parameters: Any) -> tuple[Array, Array]:
         """The least and the greatest values under inputs (M,) over boxes (M, coordinates): both (M, results).
 
-        Both are (1, results) where all inputs have one constant value.
+        Both are (1, results) where all inputs have one constant value. NaN where nothing is known.
 
         parameters : a pair of numbers or arrays (M,) for each parameter, its least and greatest value; the first is the
-            time.
+            time, which must be numbers for a black box, the only one that it has.
         """
         if self.constant:
             return self.kinds[0][0].bounds(low[:1], high[:1], *[(0.0, 0.0) for _ in parameters])
@@ -197,7 +204,7 @@ class Part:
 
     @property
     def least_of(self) -> Sequence[Formula | BlackBox]:
-        """The functions of which the set's function is the least: a list of it alone for a black box."""
+        """The functions of which the set's function is the least: the operands of `min`, or a list of it alone."""
         return self.function.least_of if isinstance(self.function, Formula) else [self.function]
 
     @property
@@ -216,6 +223,8 @@ class Functions:
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
         """Read which functions are formulas and which are black boxes; ValueError where a name is both.
 
+        Formulas are read when they are asked for.
+
         head : of the file. arrays : the open file, for tables of formulas. problem : the problem given beside the file,
             or None.
         """
@@ -231,9 +240,9 @@ class Functions:
         return name in self.texts or name in self.opaque
 
     def table(self, number: int, axes: int) -> Array:
-        """The array of the table with this number in the file, read once and kept.
+        """The array of the table with this number in the file, float64, read once and kept.
 
-        ValueError unless it has `axes` axes, or where all tables together are too large.
+        ValueError unless it has `axes` axes, or where all tables together have more than `MOST_TABLES` bytes.
         """
         if number not in self.tables:
             group = self.arrays.get("tables", getlink=True)
@@ -246,7 +255,7 @@ class Functions:
         return found
 
     def formula(self, name: str, coordinates: int, parameters: int = 1) -> Formula:
-        """Read the formula of a name, with so many coordinates and parameters; ValueError if the file has none such."""
+        """Read the formula of a name; ValueError unless the file has one of so many coordinates and parameters."""
         expect(name in self.texts, f"there must be a formula {name}", [*self.texts])  # check 7.18
         return read(name, self.texts[name], coordinates, parameters, self.table)
 
@@ -258,9 +267,10 @@ class Functions:
             expect(False, "the problem given must have the black box of the file", name)
 
     def part(self, name: str, given: Mapping[str, Any], ndim: int, count: int = 0) -> Part:
-        """Read a set: its function, by `name`, and what the head says of it, `given`; ValueError where that is wrong.
+        """Read a set; ValueError where something of it is wrong.
 
-        ndim : the number of axes. count : the number of inputs, for an unsafe set.
+        name : its function's name in the file, such as "target" or "unsafe 0". given : the head's entry for the set.
+        ndim : the number of axes. count : the number of inputs; with 0 the set must not name any.
         """
         axes = given["axes"]
         fits = isinstance(axes, list) and 0 < len(axes) == len({*axes})  # check 7.24
@@ -299,7 +309,7 @@ class Velocity:
     def __init__(self, functions: Functions, inputs: list[Any], grid: Grid) -> None:
         """Read the functions for each of the inputs; ValueError where one has a wrong number of results.
 
-        functions : the file's `Functions`. inputs : the head's list of inputs.
+        functions : the file's `Functions`. inputs : the head's list of inputs, at least one. grid : the robot's.
         """
         n, bounds = grid.ndim, functions.formula("bounds", grid.ndim)
         d = len(bounds.results) // len(inputs)
@@ -321,7 +331,10 @@ class Velocity:
         self.of = {name: OfInputs(each, *sizes[name]) for name, each in self.own.items()}
 
     def along(self, axis: int) -> list[Any]:
-        """The functions that the velocity along an axis is made of; of black boxes, all."""
+        """The functions, of all inputs, that the velocity along an axis is made of: a list.
+
+        Of formulas those of this axis alone, but the bounds of v; a black box as a whole.
+        """
         d, some = self.adversaries, list[Any]()
         for name, each in self.own.items():
             first, count = {"bounds": (0, d), "gain": (axis * d, d)}.get(name, (axis, 1))
@@ -330,7 +343,7 @@ class Velocity:
 
     @cached_property
     def reads_itself(self) -> Array:
-        """Along which axes the velocity may depend on the coordinate itself: (ndim,)."""
+        """Along which axes the velocity may depend on the coordinate itself: (ndim,) bool. Computed once."""
         each = map(self.along, range(self.ndim))
         return np.array([any(one.reads("x", axis) for one in some) for axis, some in enumerate(each)])
 
@@ -342,10 +355,10 @@ class Velocity:
     def steady(self, axis: int, sensed: bool) -> bool:
         """Whether the velocity along an axis always lies in one range, whatever the state and the time.
 
-        Then a state that a wall holds back is where it would be without the wall, clipped. With measurements that err
-        (`sensed`), with black boxes, or if the velocity is not drift + gain v, it is asked of the velocity along all
-        axes.
+        Asked of the velocity along all axes where measurements err (`sensed`), where a function is a black box, and if
+        the velocity is not drift + gain v.
         """
+        # Then a state that a wall holds back is where it would be without the wall, clipped.
         some = self.all
         if self.linear and not sensed and not any(isinstance(one, BlackBox) for one in self.all):
             some = self.along(axis)
@@ -354,8 +367,10 @@ class Velocity:
     def bounds(self, inputs: Array, low: Array, high: Array, times: Times, pushed: bool) -> tuple[Array, Array]:
         """The least and the greatest velocity under inputs (M,) over boxes (M, ndim) and times: both (M, ndim).
 
-        pushed : under any adversary; if False, under none. Both are (1, ndim) where the velocity is the same
-            everywhere.
+        Both are (1, ndim) where the velocity is the same everywhere; NaN where nothing is known.
+
+        inputs : their indices. low, high : the boxes, (M, ndim). times : from s to s. pushed : under any adversary; if
+            False, under none, v = 0.
         """
         half = np.zeros((1, self.adversaries))
         if pushed:  # check 3.31

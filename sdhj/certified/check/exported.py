@@ -41,7 +41,8 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 class Words:
     """An exported file as it was read: the numbers of its head, its blocks and words, and its images.
 
-    fields : by name, of each word; "steps" and "select" as (words,) int64, fields of inputs as (words, L) bool.
+    fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,) int64, fields
+        of inputs as (words, L) bool.
     images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
         index; leads is 0 where there are none.
     starts : the number of steps with words of their own.
@@ -90,7 +91,7 @@ class Words:
         self.fields = _fields(found, inputs)
 
     def ids(self, start: int) -> Array:
-        """The number of each cell's word at the start `start`: (cells,) uint32, the last axis fastest."""
+        """The number of each cell's word at the step `start`, < `starts`: (cells,) uint32, the last axis fastest."""
         ndim, blocks = len(self.counts), self.bodies[self.index[start]].reshape(*self.blocks, *self.sides)
         order = [place for axis in range(ndim) for place in (axis, ndim + axis)]
         whole = blocks.transpose(order).reshape(self.blocks * self.sides)
@@ -98,7 +99,10 @@ class Words:
 
 
 def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
-    """The version and the bytes of an exported file; ValueError if the version or a digest does not fit."""
+    """The version and all the bytes of an exported file; ValueError if the version or a digest does not fit.
+
+    OSError without a file.
+    """
     data = Path(path).read_bytes()
     whole = len(data) >= HEAD and data[:8] == MAGIC
     version = struct.unpack_from("<I", data, 8)[0] if whole else 0
@@ -109,7 +113,10 @@ def _whole(path: str | os.PathLike[str]) -> tuple[int, bytes]:
 
 
 def _arrays(data: bytes, shapes: list[tuple[int, ...]]) -> list[Array]:
-    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits."""
+    """Arrays of the given shapes, as int, that lie one after the other in bytes, as numbers of 16 signed bits.
+
+    data : as many numbers as the shapes, at least one, have in all; ValueError for others.
+    """
     each = np.split(np.frombuffer(data, "<i2").astype(int), np.cumsum([math.prod(shape) for shape in shapes])[:-1])
     return [own.reshape(shape) for own, shape in zip(each, shapes, strict=True)]
 
@@ -136,8 +143,9 @@ def _numbers(data: bytes, width: int) -> Array:
 def _body(data: bytes, at: int, cells: int, width: int) -> Array:
     """The numbers of the words of a block's cells, (cells,) uint32, from the block's body, which begins at data[at].
 
-    A body is a palette of numbers of words, `width` bytes each, and for each cell its place in the palette. ValueError
-    where it is none.
+    A body is a palette of numbers of words, and for each cell its entry there. ValueError where it is none.
+
+    data : all bodies. cells : how many a block has. width : how many bytes a number in the palette has.
     """
     bits, colours = struct.unpack_from("<BH", data, at)
     begin = at + 3 + colours * width
@@ -153,9 +161,10 @@ def _body(data: bytes, at: int, cells: int, width: int) -> Array:
 def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
     """Yield all claims of an exported table, checked against the sets of the certified table and the head of its file.
 
-    Only the first where the exported table has other cells or inputs.
+    Only the first where a number of the exported table, of cells, inputs, steps or sensing, is another than the file's.
 
-    sets : a `Robot` or an `Arm`. silent : show no progress bar.
+    words : the exported table. sets : a `Robot` or an `Arm`, of the table's file. head : of that file. silent : show no
+        progress bar.
     """
     wrong = differences(words, sets, head)
     yield Claim("exported: the cells and inputs are the table's", 1, 1, wrong)
@@ -174,7 +183,10 @@ def claims(words: Words, sets: Any, head: Any, silent: bool) -> Iterator[Claim]:
 
 
 def images_differ(words: Words, sets: Any) -> Iterator[str]:
-    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves."""
+    """Yield a text for each step, input and axis whose exported images are not those that the table's file proves.
+
+    words : the exported table. sets : a `Robot` or an `Arm`, of the same cells and inputs.
+    """
     for axis, (own, reads) in enumerate(zip(words.images, words.reads, strict=True)):
         for start, j in np.ndindex(own.shape[:2]):
             said = own[start, j].reshape(*np.where(reads, words.counts, 1), 2)
@@ -192,7 +204,8 @@ def images_differ(words: Words, sets: Any) -> Iterator[str]:
 def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
     """Whether the exported images of an arm along an axis under u_j are exactly the cells that `overlapped` derives.
 
-    said (n, 2) : the first and the last cell of each image, less the cell's own index.
+    said (n, 2) : the first and the last cell of each image, less the cell's own index; False for another size. sets :
+        the arm. j : the input's index, of no matter along the agent's axes, 2 and 3.
     """
     n, drift = int(sets.counts[axis]), sets.scene.inputs()[j][axis] if axis < 2 else Fraction(0)
     push = sets.scene.push(axis)
@@ -206,9 +219,11 @@ def _arm_images_agree(said: Array, sets: Arm, axis: int, j: int) -> bool:
 
 
 def differences(words: Words, sets: Any, head: Any) -> list[str]:
-    """A text "name: mine and not theirs" for each number of an exported table that is not that of the table's file.
+    """A text "name: mine and not theirs" for each entry of an exported table that is not that of the table's file.
 
-    sets, head : as for `claims`. [] if all agree.
+    [] if all agree; of the slack it is asked only that it is not more than the file's.
+
+    words : the exported table. sets : a `Robot` or an `Arm`, of the table's file. head : of that file.
     """
     own, near = (
         [*zip(sets.axes, sets.layers, strict=True)],
@@ -252,9 +267,9 @@ def claims_of_inputs(
     (name, (words, L) bool, (cells,) int): it is claimed that each input of a cell's word leads all of the cell into the
     set with one step less to go; nothing is claimed of a cell with 0.
 
-    ids (cells,) : the cells' words.
-    fewest (cells,) : the steps to go by the table's file.
-    left : the steps that are left.
+    words : the exported table. ids (cells,) : the number of each cell's word.
+    fewest (cells,) : the steps to go by the table's file, more than `left` where there are none; counts where words
+        have no field "steps". left : the steps that are left.
     """
     steps = words.fields["steps"][ids] if "steps" in words.fields else fewest
     nearest = np.where(steps > left, 0, left if has_no_target else np.maximum(steps, 1))
@@ -271,10 +286,10 @@ def claims_of_inputs(
 def claims_of_steps(
     words: Words, ids: Array, fewest: Array, left: int, has_no_target: bool
 ) -> Iterator[tuple[str, int, Array]]:
-    """For each field that claims cells to be in a set: its name, how many claims it makes, and the cells of false ones.
+    """Yield each field that claims cells to be in a set: its name, how many claims it makes, and the cells where false.
 
-    ids (cells,) : the cells' words. fewest (cells,) : the steps to go by the table's file. left : the steps that are
-        left.
+    words : the exported table. ids (cells,) : the number of each cell's word. fewest (cells,) : the steps to go by the
+        table's file. left : the steps that are left.
     """
     if "steps" in words.fields:
         steps = words.fields["steps"][ids]
@@ -289,7 +304,9 @@ def claims_of_steps(
 def _fewest(sets: Any, start: int, left: int, has_no_target: bool) -> Array:
     """The fewest steps to go from each cell at a start, by the sets of the table's file: (cells,), left + 1 for none.
 
-    left : the steps that are left. Without a target it is `left` for cells that stay clear for all of them.
+    Without a target it is `left` for cells from which the robot stays clear for all of the steps that are left.
+
+    sets : a `Robot` or an `Arm`. start : the number of the step. left : the steps that are left.
     """
     if has_no_target:
         return np.where(sets.bits(start, left), left, left + 1)
@@ -303,6 +320,8 @@ def _check_robot(words: Words, sets: Robot, silent: bool) -> Iterator[tuple[str,
     """Check the words of a robot of one's own: yield a field's name, how many claims it makes, texts of false ones.
 
     A field is yielded several times: for each start, number of steps and input.
+
+    words : the exported table, whose numbers are those of the file (`differences`). silent : show no progress bar.
     """
     for start in tqdm(range(words.starts), desc="exported", disable=silent):
         ids, left = words.ids(start), words.steps - start
@@ -331,6 +350,8 @@ def _check_arm(words: Words, sets: Arm, silent: bool) -> Iterator[tuple[str, int
 
     A field may be yielded several times. A text names a step and a cell, or a row of cells and how many claims are
     false there.
+
+    words : the exported table, whose numbers are those of the file (`differences`). silent : show no progress bar.
     """
     world, (rows, count) = sets.scene.world(sets.edges), (sets.index.shape[1], len(words.inputs))
     every, kinds = (

@@ -46,7 +46,10 @@ class Node:
 
 
 class Reader:
-    """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function."""
+    """Reads the lines of one function, once: `Reader(...).read(lines)`. ValueErrors name the line and the function.
+
+    nodes : those that are read. truths : the numbers of nodes that are truth values. line : the one being read.
+    """
 
     def __init__(self, what: str, coordinates: int, parameters: int, tables: Tables) -> None:
         """A reader for one function.
@@ -66,12 +69,15 @@ class Reader:
             expect(False, f"line {len(self.nodes)} of {self.what}: {wrong}", self.line)
 
     def whole(self, word: str, below: int, of: str) -> int:
-        """A word of the line as a whole number from 0 to below - 1; else ValueError, which calls it `of`."""
+        """A word of the line, at most six digits, as a whole number from 0 to below - 1.
+
+        Else ValueError, which calls the word `of`.
+        """
         self.expect(WHOLE.fullmatch(word) is not None and int(word) < below, f"{of} must be a number below {below}")
         return int(word)
 
     def real(self, word: str) -> float:
-        """A word of the line, a hexadecimal number, nan or inf, as a float; else ValueError."""
+        """A word of the line, a hexadecimal number, nan, inf or -inf, as a float; else, or if too large, ValueError."""
         try:
             self.expect(REAL.fullmatch(word) is not None, "a number must be hexadecimal, as 0x1.8p+0")  # check 7.44
             return float.fromhex(word)
@@ -84,7 +90,10 @@ class Reader:
         return tuple(self.whole(word, len(self.nodes), "an operand") for word in words)  # check 7.3
 
     def read(self, lines: Any) -> "Formula":
-        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong."""
+        """The `Formula` that a list of lines of text describes; ValueError, with the line, where one is wrong.
+
+        lines : at most `MOST_LINES`, the last one `return`. To be called once for a reader.
+        """
         fits = isinstance(lines, list) and 1 <= len(lines) <= MOST_LINES  # check 7.4
         expect(fits, f"{self.what} must be a list of at most {MOST_LINES:,} lines", lines)
         for line in lines:
@@ -102,10 +111,10 @@ class Reader:
         raise AssertionError
 
     def node(self, name: str, words: list[str]) -> Node:
-        """The node of one line: the operation `name` and the words behind it; `mul n n` becomes a square.
+        """The node of one line: the operation `name`, and the words behind it. `mul n n` becomes a square.
 
-        ValueError for unknown operations, wrong operands, and where truth values are needed and not given. The lines of
-        its operands must have been read.
+        ValueError for an unknown operation, for operands that are no earlier lines, or too few or too many, and where
+        truth values are needed and not given.
         """
         if name in self.leaves or name == "const":
             self.expect(len(words) == 1, f"{name} must be followed by one number")
@@ -138,7 +147,7 @@ class Reader:
     def gridded(self, words: list[str]) -> Node:
         """The node of a line `gridded TABLE operands lower ... spacing ...`, with a number each for every operand.
 
-        words : those behind `gridded`. The table is read with it; ValueError where something does not fit.
+        The table is read with it; ValueError where something does not fit. words : those behind `gridded`.
         """
         axes = (len(words) - 3) // 3
         fits = 1 <= axes <= MOST_AXES and len(words) == 3 + 3 * axes
@@ -161,7 +170,7 @@ class Formula:
     results: tuple[int, ...]
 
     def part(self, first: int, count: int) -> "Formula":
-        """The formula of `count` of the results, from number `first` on, with the same nodes."""
+        """The formula of `count` of the results, from number `first` on, or of those that there are; the same nodes."""
         return Formula(self.nodes, self.results[first : first + count])
 
     def without_constants(self, parameters: int) -> tuple["Formula", list[float]]:
@@ -173,7 +182,10 @@ class Formula:
         nodes, constants, at = list[Node](), list[float](), dict[int, int]()
 
         def number(of: int) -> int:
-            """The number of node `of` in the new formula; a constant becomes a new parameter node each time."""
+            """The number in the new formula of node `of` of this one, which must be there unless it is a constant.
+
+            For a constant a node of a new parameter is added, each time.
+            """
             if self.nodes[of].name != "const":
                 return at[of]
             nodes.append(Node("p", (), (parameters + len(constants),)))  # check 3.86
@@ -196,11 +208,12 @@ class Formula:
         return Formula(tuple(nodes), results), constants
 
     def with_constants(self, parameters: int, rows: list[list[float]]) -> tuple["Formula", list[list[float]]]:
-        """This formula with constants for those parameters, from number `parameters` on, that all rows agree on.
+        """This formula with a constant for each parameter, from number `parameters` on, that all rows agree on.
 
-        rows : for each input the values of these parameters, as `without_constants` returns them.
+        Returns the formula, in which the others of these parameters are numbered anew from `parameters` on, and the
+        values of those, a list for each row.
 
-        Returns the formula, whose other parameters are numbered anew, and their values, in rows as before.
+        rows : at least one, for each input the values of these parameters, as `without_constants` returns them.
         """
         # check 3.87
         kept = [k for k, column in enumerate(zip(*rows, strict=True)) if len({one.hex() for one in column}) > 1]
@@ -213,7 +226,10 @@ class Formula:
 
     @cached_property
     def form(self) -> tuple[Any, ...]:
-        """A hashable key, equal for formulas that are the same line by line, tables included; computed once."""
+        """A hashable key, equal for formulas that are the same line by line and share tables; computed once.
+
+        Tables are told apart as objects, not by their values.
+        """
         lines = []
         for name, operands, given in ((node.name, node.operands, node.given) for node in self.nodes):
             if name == "gridded":
@@ -245,7 +261,7 @@ class Formula:
 
     @cached_property
     def done(self) -> dict[int, list[int]]:
-        """By the number of a node, the nodes whose values nobody needs once it is evaluated; computed once."""
+        """By the number of a node, the nodes whose values are not needed once it is evaluated; computed once."""
         last = {operand: number for number in self.needed for operand in self.nodes[number].operands}
         done: dict[int, list[int]] = {}
         for operand in last.keys() - set(self.results):
@@ -281,9 +297,9 @@ class Formula:
     ) -> Iterator[Interval]:
         """Yield bounds of each result over boxes (M, coordinates): pairs of arrays that broadcast to (M,).
 
-        Both are NaN where nothing is known.
+        Both are NaN where nothing is known. All boxes are evaluated at once, with NumPy's warnings (`once`).
 
-        parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
+        low, high : the boxes. parameters : for each a pair of its least and greatest value, numbers or arrays (M,).
         sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts. Other nodes count on
             both.
         """
@@ -301,7 +317,8 @@ class Formula:
     def value(node: Node, operands: list[Interval], low: Array, high: Array, parameters: Any, *side: int) -> Interval:
         """The interval of one node over boxes [low, high] (M, coordinates), from the intervals of its operands.
 
-        parameters : as for `Formula.__call__`. side : for a node that jumps 0 or 1, if only one side counts.
+        parameters : for each a pair of its least and greatest value, numbers or arrays (M,). side : for a node that
+            jumps 0 or 1, if only one side of its jump counts; else nothing.
         """
         if node.name == "x":
             return low[:, node.given[0]], high[:, node.given[0]]
@@ -332,9 +349,10 @@ class Formula:
         return found[0], found[1]
 
     def once(self, low: Array, high: Array, parameters: Sequence[Any], sides: Mapping[int, int]) -> Array:
-        """Bounds (2, M, results) over boxes (M, coordinates) on `sides` of the jumps, `self.boxes` boxes at a time.
+        """Bounds (2, M, results) over boxes on given sides of the jumps, evaluated `self.boxes` boxes at a time.
 
-        The arguments are those of `__call__`.
+        low, high : the boxes, (M, coordinates). parameters : for each a pair of its least and greatest value, numbers
+            or arrays (M,). sides : by the number of a node that jumps, 0 or 1: only that side of its jump counts.
         """
         out = np.moveaxis(np.empty((2, len(self.results), len(low))), 1, 2)
         with np.errstate(all="ignore"):
@@ -349,7 +367,8 @@ class Formula:
 def read(what: str, given: Mapping[str, Any], coordinates: int, parameters: int, tables: Tables) -> Formula:
     """Read the formula of a function; ValueError unless it is one of so many coordinates and parameters.
 
-    what : the function's name in errors. given : its part of the head. tables : as for `Reader`.
+    what : the function's name in errors. given : the head's entry for it, with "coordinates", "parameters" and "lines".
+    tables : called with the number of a table in the file, and of its axes, for the table's values.
     """
     for name, count in (("coordinates", coordinates), ("parameters", parameters)):
         expect(given[name] == count, f"{what} must have {count} {name}", given[name])  # check 7.22

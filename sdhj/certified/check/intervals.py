@@ -86,11 +86,11 @@ def corners(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> In
 
 
 def signed(of: Callable[[Array, Array], Array], a: Interval, b: Interval) -> Interval:
-    """The hull of `of` at the ends of a and b, products or quotients, rounded outward but not across 0.
+    """The hull of the products, or quotients, of the ends of a and b, rounded outward but not across 0.
 
     An end stays at 0 where the signs of a and b tell on which side of 0 the result is.
 
-    of : `np.multiply` or `np.divide`.
+    of : `np.multiply` or `np.divide`; then b must not hold 0, which is not checked.
     """
     low, high = outward(*corners(of, a, b), least=TINY)
     alike = ((a[0] >= 0) & (b[0] >= 0)) | ((a[1] <= 0) & (b[1] <= 0))
@@ -109,9 +109,9 @@ def div(a: Interval, b: Interval) -> Interval:
 
 
 def share(a: Interval, b: Interval) -> Interval:
-    """a / b clipped to [-1, 1], rounded outward; [-1, 1] where b holds 0.
+    """a / b clipped to [-1, 1], rounded outward; [-1, 1] where b holds 0, as at b = 0 the operation is 0.
 
-    At b = 0 the operation is 0.
+    NaN where a or b is.
     """
     known, zero = 0.0 * a[0], (b[0] <= 0.0) & (b[1] >= 0.0)
     low, high = (np.clip(end, -1.0, 1.0) for end in signed(np.divide, a, b))
@@ -169,11 +169,11 @@ def rising(
 ) -> Callable[..., Interval]:
     """The rule, from interval to interval, of a rising function f whose values lie from `least` to `most`.
 
-    function : f of an array.
+    function : f of an array, right up to `UNITS` of its value and `TINY`; NaN where it is undefined.
     """
 
     def rule(a: Interval) -> Interval:
-        """[f(low), f(high)], rounded outward and clipped to the function's range."""
+        """[f(low), f(high)] for an interval (low, high), rounded outward and clipped to [least, most]."""
         low, high = outward(function(a[0]), function(a[1]), UNITS, TINY)
         return np.maximum(low, least), np.minimum(high, most)
 
@@ -197,7 +197,7 @@ def wave(function: Callable[[Array], Array], hill: float) -> Callable[..., Inter
     """
 
     def rule(a: Interval) -> Interval:
-        """The hull of the values at the ends, rounded outward, and of 1 and -1 where an extreme may lie between."""
+        """The hull of the values at the ends of a, rounded outward, and of 1 and -1 where they may be between."""
         begin, end = a[0] / (2 * np.pi) - hill, a[1] / (2 * np.pi) - hill
         doubt = DOUBT * (1.0 + np.maximum(np.abs(begin), np.abs(end)))
         hills = np.floor(end + doubt) >= np.ceil(begin - doubt)
@@ -224,7 +224,7 @@ def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     [-pi, pi] where the box may meet the jump, y = 0 and x <= 0. The extremes are at corners, because a box that does
     not hold the origin is convex.
 
-    side : 0 or 1: only of the part of the box above, or below, the jump, where the jump is met; None: of all.
+    side : 0 or 1: only of the part of the box above (y >= 0), or below, the jump, where the jump is met; None: of all.
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
     if side is not None:
@@ -251,7 +251,7 @@ def mod(a: Interval, b: Interval, side: int | None = None) -> Interval:
 
     NaN where b may be 0.
 
-    side : 0 or 1: only in the first, or in the last, of two laps; None: in all.
+    side : 0 or 1: only in the first, or in the last, where the box lies in two laps; None: in all.
     """
     laps = div(a, b)
     first, last = np.floor(laps[0]), np.floor(laps[1])
@@ -269,22 +269,25 @@ def truth(certain: Array, never: Array, a: Interval, b: Interval) -> Interval:
 
 
 def less(a: Interval, b: Interval) -> Interval:
-    """a < b as a truth value, an interval as of `truth`."""
+    """a < b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
     return truth(a[1] < b[0], a[0] >= b[1], a, b)  # check 6.32
 
 
 def lesseq(a: Interval, b: Interval) -> Interval:
-    """a <= b as a truth value, an interval as of `truth`."""
+    """a <= b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
     return truth(a[1] <= b[0], a[0] > b[1], a, b)  # check 6.33
 
 
 def equal(a: Interval, b: Interval) -> Interval:
-    """a == b as a truth value, an interval as of `truth`."""
+    """a == b as the interval of a truth value: [1, 1] if it surely holds, [0, 0] if never, else [0, 1]; NaN for NaN."""
     return truth((a[0] == b[1]) & (a[1] == b[0]), (a[0] > b[1]) | (b[0] > a[1]), a, b)  # check 6.34
 
 
 def where(condition: Interval, a: Interval, b: Interval) -> Interval:
-    """a where the condition is [1, 1], b where it is [0, 0], else the hull of both; NaN where the condition is."""
+    """a where the condition is [1, 1], b where it is [0, 0], else the hull of both; NaN where the condition is.
+
+    condition : the interval of a truth value. What is not chosen may be NaN.
+    """
     yes, no = condition[0] == 1.0, condition[1] == 0.0
     low = np.where(yes, a[0], np.where(no, b[0], np.minimum(a[0], b[0])))  # check 6.21
     high = np.where(yes, a[1], np.where(no, b[1], np.maximum(a[1], b[1])))
@@ -304,9 +307,9 @@ def gridded(
 ) -> Interval:
     """Bounds of the multilinear interpolation of a table with nodes at lower + i * spacing, clipped at its ends.
 
-    The extremes over a box are at points whose coordinates are ends of the box or nodes between: within one cell they
-    are at corners. A box with many nodes is bounded by the least and the greatest value at the nodes around it, of
-    which those of blocks are known: of larger blocks for larger boxes, so that any box takes equally long.
+    Rounded outward; NaN where an operand is. The extremes over a box are at points whose coordinates are ends of the
+    box or nodes between: within one cell they are at corners. A box with more than `MOST_NODES` nodes is bounded by the
+    least and the greatest value of blocks of nodes that cover it, of larger blocks for larger boxes.
 
     operands : the intervals of the coordinates, one for each axis.
     lower, spacing : of the nodes along each axis.
@@ -333,7 +336,10 @@ def gridded(
 
 
 def alike(rows: Array) -> Iterator[tuple[list[int], Array]]:
-    """Group the columns of whole numbers (axes, M): yield each different column and its indices (m,)."""
+    """Group the columns of whole numbers (axes, M): yield each different column, a list, and its indices (m,).
+
+    Numbers must be at most `MOST_NODES` in size: larger ones could make different columns look the same.
+    """
     keys = rows.T @ (2 * MOST_NODES) ** np.arange(len(rows))
     order = np.argsort(keys, kind="stable")
     for own in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1) if order.size else ():
@@ -368,7 +374,8 @@ def at_blocks(table: Array, powers: list[int], low: Array, high: Array, kept: In
 
     By blocks of 2^-powers[axis] nodes along each axis, whose extremes are computed once and put into `kept`.
 
-    low, high (axes, M) : the ends of the boxes, in units of nodes.
+    powers : for each axis a whole number <= 0, the same for all boxes. low, high (axes, M) : the ends of the boxes, in
+        units of nodes, within the table. kept : the extremes of blocks of this table, by their sizes.
     """
     blocks = tuple(1 << -power for power in powers)
     first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)  # check 6.23

@@ -35,7 +35,9 @@ Holds = Callable[[Array], tuple[Array, Array]]  # of boxes (2, M, axes), to wher
 
 
 def pieces_of(counts: Sequence[int], times: int) -> int:
-    """Into how many pieces to cut a cell along each axis; 0 where there are too many cells for a lattice.
+    """Into how many pieces to cut a cell along each axis, 1 to `MOST_CUTS`; 0: there are too many cells for a lattice.
+
+    So that at most `MOST_LATTICE` boxes are made at all times together, unless the cells alone are more.
 
     counts : the numbers of cells on the set's axes. times : how many intervals of time have counts of their own.
     """
@@ -44,7 +46,14 @@ def pieces_of(counts: Sequence[int], times: int) -> int:
 
 
 def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
-    """How many pieces a cell is cut into along each axis, but where all inputs lead alike, for so many times: (d,)."""
+    """Into how many pieces to cut a cell along each axis where boxes are united: (d,) int, 1 where `alike`.
+
+    Else `LEAST_UNITED` to `MOST_CUTS`, so that about `MOST_UNITED` boxes are made at all times together; more where
+    even the least are more.
+
+    counts : the numbers of cells on the set's d axes. alike (d,) : bool, along which all inputs lead alike.
+    times : how many intervals of time have boxes of their own.
+    """
     cells, some = math.prod(counts) * times, max(int((~alike).sum()), 1)
     pieces = int((MOST_UNITED / max(cells, 1)) ** (1 / some))
     return np.where(alike, 1, min(max(pieces, LEAST_UNITED), MOST_CUTS))
@@ -53,8 +62,8 @@ def pieces_united(counts: Sequence[int], alike: Array, times: int) -> Array:
 def memory(counts: Sequence[int], laps: int, times: int) -> int:
     """The bytes that the lattice of a set takes, with the counts for so many times and what the last one is made of.
 
-    counts : the numbers of cells on the set's axes. laps : how many of these axes are periodic. times : as for
-        `pieces_of`.
+    counts : the numbers of cells on the set's axes. laps : how many of these axes are periodic. times : how many
+        intervals of time have counts of their own.
     """
     boxes = math.prod(counts) * pieces_of(counts, times) ** len(counts)
     return boxes * ((4 * times << laps) + (2 << laps) + 4)
@@ -63,8 +72,10 @@ def memory(counts: Sequence[int], laps: int, times: int) -> int:
 class Lattice:
     """Boxes on a set's axes, the cells there cut into pieces, and which of them a tube overlaps.
 
-    wider, without (axes,) : boxes are `wider` to both sides when the set's function is bounded in them, so tubes are
-        looked up `without` as much at both ends.
+    edges : for each axis the ends of the boxes, (boxes + 1,), ascending. shape (axes,) : the numbers of boxes.
+    wider (2, axes) : how far boxes are moved outward, below and above, when the set's function is bounded in them.
+    without (axes,) : how much tubes are moved inward at both ends before they are looked up; less than `wider`.
+    alike (axes,) : bool, axes along which a tube overlaps the box of its own cell alone.
     """
 
     def __init__(
@@ -77,13 +88,16 @@ class Lattice:
         alike: Array | None = None,
         tubes: Array | None = None,
     ) -> None:
-        """The lattice of cells with the given edges, (n + 1,) for each axis, each cell cut into so many pieces.
+        """Cut the cells into pieces of equal width.
 
-        pieces : a number for all axes, or one for each. periodic (axes,) : bool.
+        edges : for each axis the ends of its cells, (n + 1,). pieces : into how many a cell is cut, a number for all
+            axes, or one for each; 1 along axes that are `alike`. periodic (axes,) : bool.
         near (axes,) : how far off a cell a state counts as in it.
-        sway (axes,) : how far most tubes stick out of their cells to both sides.
-        alike (axes,) : bool, the axes along which boxes are whole cells, widened by all that `tubes` (2, axes) stick
-            out of them; None: there are none.
+        sway (axes,) : how far most tubes stick out of their cells to both sides; not used along an axis where it is
+            not less than the widest box.
+        alike (axes,) : bool, the axes along which boxes are whole cells, widened by all that tubes stick out of them;
+            None: there are none.
+        tubes (2, axes) : the least and the greatest that ends of tubes move; needed where `alike` is given.
         """
         cuts = np.broadcast_to(pieces, len(edges)).tolist()
         self.edges = [
@@ -99,9 +113,11 @@ class Lattice:
         self.shape = np.array([own.size - 1 for own in self.edges])
 
     def united(self, every: Sequence[Holds], asked: Array | None = None) -> Array:
-        """Which boxes may meet a set, packed along the last axis: `met`, so many at a time that memory is bounded.
+        """Which boxes may meet a set: uint8 flags, packed along the last axis; made by parts, to bound memory.
 
-        asked : packed, too; what is not is taken to meet it
+        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+            whether it is <= 0.
+        asked : which boxes are asked about, packed likewise, None: all; others are taken to meet the set.
         """
         many, n = BLOCKS[0] if self.shape.size > 1 else int(self.shape[0]), int(self.shape[-1])
         out = []
@@ -111,9 +127,7 @@ class Lattice:
         return np.concatenate(out)
 
     def counted(self, every: Sequence[Holds]) -> Array:
-        """How many boxes that may meet a set lie below each corner of boxes, as `sums` returns them; int32.
-
-        Blocks of many boxes are bounded first, single ones where that leaves it open.
+        """How many boxes that may meet a set lie below each corner of boxes: int32, of the shape that `sums` returns.
 
         every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
             whether it is <= 0.
@@ -121,9 +135,15 @@ class Lattice:
         return sums(self.met(every, 0, int(self.shape[0])), self.periodic)
 
     def met(self, every: Sequence[Holds], begin: int, end: int, asked: Array | None = None) -> Array:
-        """Which boxes may meet a set, of those from `begin` to `end` along the first axis: bool. See `counted`.
+        """Which boxes may meet a set, of those from `begin` to `end` - 1 along the first axis: bool, of these boxes.
 
-        asked (boxes) : bool; those that are not count as met
+        Blocks of many boxes are bounded first, single ones where that leaves it open. False is proved: all functions
+        of `every` are above 0 all over the box.
+
+        every : for each function of which the set's is the least a `Holds`: whether it is > 0 all over boxes, and
+            whether it is <= 0.
+        end : may be past the last box. asked : bool, of the shape of the result, which boxes are asked about, None:
+            all; others count as met.
         """
         some, start = self.shape.copy(), 0 * self.shape
         some[0], start[0] = min(end, int(self.shape[0])) - begin, begin
@@ -147,17 +167,24 @@ class Lattice:
         return met
 
     def boxes(self, first: Array, side: int) -> Array:
-        """Ends (2, M, axes) of blocks of `side` boxes along each axis from boxes `first` (M, axes) on, made wider."""
+        """The ends of blocks of boxes, moved outward by `wider`: (2, M, axes).
+
+        A block has `side` boxes along each axis, or those up to the end; first (M, axes) : the first of them.
+        """
         past = np.minimum(first + side, self.shape)  # check 4.54
         ends = [[own[at] for own, at in zip(self.edges, each.T, strict=True)] for each in (first, past)]
         low, high = np.moveaxis(np.array(ends), 1, 2)
         return np.stack([low - self.wider[0], high + self.wider[1]])  # check 4.55
 
     def overlapped(self, axis: int, low: Array, high: Array) -> tuple[Array, Array]:
-        """The first and the last box along an axis that tubes from `low` to `high`, arrays of one shape, overlap.
+        """The first and the last box along an axis that tubes overlap: (first, last), int, of the shape of `low`.
 
-        At least one box. On a periodic axis the first is in the first lap, the last may be in the second. Along an axis
-        that is `alike`, low and high are (M, cells), and the box is that of each cell.
+        last >= first. On a periodic axis the first is in the first lap, the last may be in the second: it is less than
+        twice the number of boxes. Tubes past the end of a bounded axis overlap the box there. Tubes are moved inward by
+        `without` first, as boxes are bounded wider.
+
+        axis : which of the lattice's. low, high : where tubes begin and end, of one shape; (M, cells) along an axis
+            that is `alike`, where both results are the box of the cell itself, and values are not looked at.
         """
         if self.alike[axis]:
             own = np.broadcast_to(np.arange(self.shape[axis]), low.shape)
@@ -179,9 +206,11 @@ class Lattice:
 
 
 def sums(inside: Array, periodic: Array) -> Array:
-    """How many cells of a set, (*n) bool, lie below each corner on all axes: (*(n + 1)) int32.
+    """How many cells of a set lie below each corner on all axes: (*(n + 1)) int32.
 
     A periodic axis counts twice over: n is doubled there, so that boxes may go over the seam.
+
+    inside (*n) : bool, which cells are in the set. periodic (axes,) : bool.
     """
     for axis in np.flatnonzero(periodic):
         inside = np.concatenate([inside] * 2, axis=axis)
@@ -192,9 +221,10 @@ def sums(inside: Array, periodic: Array) -> Array:
 
 
 def overlap(of: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """How many cells of boxes are in a set whose `sums` are `of`: (M,) int32, by inclusion and exclusion.
+    """How many cells of boxes are in a set: (M,) int32, by inclusion and exclusion.
 
-    ends : for each axis the first cell of the boxes and the one past the last, both (M,).
+    of : what `sums` returned for the set. ends : for each axis the first cell of the boxes and the one past the last,
+        both (M,) int; on a periodic axis up to twice the number of cells. Not checked.
     """
     total, flat = np.zeros(len(ends[0][0]), np.int32), of.ravel()
     strides = np.cumprod([1, *of.shape[:0:-1]])[::-1]

@@ -24,9 +24,9 @@ ROUNDED = 1e-15  # of the terms that are added up
 
 
 def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """The least and the greatest n . x over boxes from low to high (M, ndim), for K normals: both (M, K).
+    """The least and the greatest n . x over boxes from low to high, for K normals n: both (M, K), rounded outward.
 
-    Rounded outward. normals : (K, ndim).
+    normals : (K, ndim). low, high (M, ndim) : a bound is NaN where an end is that it rests on.
     """
     out = np.zeros((2, len(low), len(normals)))
     for k, normal in enumerate(normals):
@@ -41,11 +41,13 @@ def spread(normals: Array, low: Array, high: Array) -> tuple[Array, Array]:
 def rates_along(
     velocity: Velocity, normals: Array, inputs: Array, low: Array, high: Array, times: Times, cuts: int
 ) -> tuple[Array, Array]:
-    """The least and the greatest n . f under inputs (M,) and any adversary over boxes (M, ndim): both (M, K).
+    """The least and the greatest n . f under inputs and any adversary over boxes: both (M, K), rounded outward.
 
-    f is the velocity, n one of K normals (K, ndim), and the bounds hold for all `times`, s to s.
+    f is the velocity, n one of K normals; the bounds hold for all `times`, s to s.
 
-    cuts : into how many pieces each component of a nonlinear v is cut, at most.
+    velocity : the robot's. normals : (K, ndim). inputs (M,) : their indices. low, high : the boxes, (M, ndim).
+    cuts : into how many pieces the range of each component of v is cut, at most, where the velocity is not drift + gain
+        v; fewer where all pieces together would be more than `MOST_CUT`.
     """
     half = np.maximum(*map(np.abs, velocity.of["bounds"].bounds(inputs, low, high, times)))
     if velocity.linear:
@@ -69,12 +71,13 @@ def rates_along(
 
 
 class Lines:
-    """The lines that a file states, and the normals of their planes.
+    """The lines that a file states, and the normals of their planes (see the module).
 
     each : (starts, L, places, rows, 2) int16, the first and the last cell along the last axis, less the cell's own
         index.
     normals : (K, ndim).
-    halo : (2, ndim) int, how many cells a cell has to be away from both ends of each axis to have lines.
+    halo : (2, ndim) int, how many cells there have to be between a cell and the lower, and the upper, end of each axis
+        for it to have lines; see `far_from_ends`.
     oblique : (ndim,) bool, the axes that a normal has a part along; leading : the numbers of these axes, but the last
         axis, over which rows are counted.
     """
@@ -119,7 +122,9 @@ class Lines:
         return np.all((cells >= self.halo[0]) & (cells < counts - self.halo[1]), axis=1)
 
     def rows(self, low: Array, high: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Yield the rows of boxes of cells from low to high, (M, ndim) each: (number, at, there).
+        """Yield the rows of boxes of cells: (number, at, there).
+
+        low, high (M, ndim) : the first and the last cell of each box, included.
 
         number : of the row, over the leading axes, as in `each`.
         at (M, ndim) : the cell at which the row stands, of which only the leading axes count.
@@ -133,14 +138,17 @@ class Lines:
                 rest //= numbers[:, place]
             yield row, at, rest == 0
 
-    def reached(
+    def changes(
         self, robot: Any, boxes: Array, inputs: Array, swept: Array, start: float, cuts: int
     ) -> tuple[Array, Array]:
-        """By how much n . x changes at least and at most in an interval for states of boxes (2, M, ndim): both (M, K).
+        """By how much n . x changes at least and at most in an interval, for each normal n: both (M, K).
 
-        robot : the `Robot`. inputs (M,) : indices.
+        For all states of boxes (2, M, ndim), and rounded outward.
+
+        robot : the `Robot`. inputs (M,) : the indices of the inputs that act.
         swept (M, parts, 2, ndim) : how far the ends of the boxes move in each part.
-        start : when the interval begins, s. cuts : as for `rates_along`.
+        start : when the interval begins, s. cuts : into how many pieces the range of each component of the adversary's
+            v is cut, at most, where the velocity is not drift + gain v.
         """
         out = np.zeros((2, boxes.shape[1], len(self.normals)))
         times = [start + robot.length * part / robot.parts for part in range(robot.parts + 1)]
@@ -148,7 +156,10 @@ class Lines:
             box = boxes + robot.known * np.moveaxis(swept[:, part], 1, 0)  # check 3.69
 
             def bounds(low: Array, high: Array, of: Array, when: Times = when) -> tuple[Array, Array]:
-                """The least and the greatest n . f over boxes (m, ndim) of rows `of` (m,) in a part: both (m, K)."""
+                """The least and the greatest n . f over boxes (m, ndim): both (m, K).
+
+                of (m,) : the row of `boxes` that each is a piece of. when : the times of this turn of the loop.
+                """
                 return rates_along(robot.moves, self.normals, inputs[of], low, high, when, cuts)  # check 3.71
 
             # what it takes is no difference of times, which are rounded as late as they are
@@ -164,8 +175,9 @@ class Lines:
         nothing gets farther beyond a cell than `halo`.
 
         robot : the `Robot`. boxes (2, M, ndim) : of the cells at the places.
-        places, j (M,) : the places and the inputs. start : the index of the interval in the moves.
-        swept, cuts : as for `reached`.
+        places, j (M,) : the places and the inputs. start : the index of the interval in the robot's `low` and `high`.
+        swept (M, parts, 2, ndim) : how far the ends of the boxes move in each part.
+        cuts : into how many pieces the range of each component of the adversary's v is cut, at most.
         """
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))
         back, ahead = self.near - swept[:, :, 0].min(axis=1), self.near + swept[:, :, 1].max(axis=1)
@@ -173,7 +185,7 @@ class Lines:
         fits = np.all(~self.bounded | ((back <= self.halo[0] * self.width) & (-low <= self.halo[0])), axis=1)
         # check 3.58
         fits &= np.all(~self.bounded | ((ahead <= (self.halo[1] - 1) * self.width) & (high <= self.halo[1])), axis=1)
-        least, most = self.reached(robot, boxes, j, swept, robot.time(start), cuts)
+        least, most = self.changes(robot, boxes, j, swept, robot.time(start), cuts)
         sticks, width, n = robot.sticks * self.scale, self.width, self.normals
         first, past = low[:, -1] * width[-1] - sticks[-1], (high[:, -1] + 1) * width[-1] + sticks[-1]
         for row, at, there in self.rows(low, high):
@@ -202,9 +214,12 @@ class Lines:
         return fits
 
     def inside(self, robot: Any, cells: Array, start: int, j: int, sums: Array) -> Array:
-        """Whether all cells on the lines of cells (M, ndim) under u_j are in a set with the given `sums`: (M,) bool.
+        """Whether all cells on the lines of cells (M, ndim) under u_j are in a set: (M,) bool.
 
-        All of the cells must be `far_from_ends`. start : the index of the interval in the moves.
+        All of the cells must be `far_from_ends`. A line whose last cell is before its first is empty.
+
+        robot : the `Robot`. start : the index of the interval in its `low` and `high`. sums : what `Robot.sums` returns
+            for the set.
         """
         places, out = cells @ robot.strides, np.ones(len(cells), np.bool_)
         low, high = (moves[start, j, places].astype(np.int64) for moves in (robot.low, robot.high))

@@ -40,9 +40,10 @@ PLAIN = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}  # ways of packing th
 
 
 def decimal(value: float) -> Fraction:
-    """The decimal, times a power of two, of fewest digits that a number is written as, as a fraction.
+    """The fraction that a float most likely stands for: the shortest decimal, times a power of two, that rounds to it.
 
-    The number itself if every such decimal has more than `FEW_DIGITS` digits.
+    Powers from -40 to 40 are tried; the number itself if every such decimal has more than `FEW_DIGITS` digits. value :
+    finite.
     """
     part, power = math.frexp(value)
     scaled = [(str(value), 0), *((str(math.ldexp(part, by)), power - by) for by in range(-40, 41))]
@@ -125,14 +126,17 @@ def digest(head: Mapping[str, Any], arrays: h5py.File) -> str:
 
 
 def sizes(arrays: h5py.File) -> int:
-    """The bytes that all arrays of a file take in memory."""
+    """The bytes that all arrays of a file take in memory, those of its groups included; none is read."""
     found: list[int] = []
     arrays.visititems(lambda name, one: found.append(one.nbytes if isinstance(one, h5py.Dataset) else 0))
     return sum(found)
 
 
 def expect_room(needed: int) -> None:
-    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get."""
+    """Raise MemoryError if `needed` bytes are more than the machine, this process or its group can still get.
+
+    Where the system tells no limit, none holds (`free_memory`).
+    """
     free, digits = min(free_memory()), math.log10(max(needed, 1))  # which may be more than a float holds
     if needed > free:
         shown = f"{needed / 1e9:.3g} GB" if digits < 300 else f"10^{digits:.0f} bytes"
@@ -168,7 +172,9 @@ def array(file: h5py.File, name: str, kind: type, *shape: Any, most: int = MOST_
     """Read an array of a dtype `kind` and a shape from a file; in the shape None is any length, a single ... any shape.
 
     It is looked at before it is read: ValueError if it is no array of this kind and shape, lies outside the file, is
-    packed too tightly, or has more than `most` bytes.
+    packed more tightly than gzip does (`MOST_PACKED`), in another way (`PLAIN`), or has more than `most` bytes.
+
+    file : the open file. name : the array's path there.
     """
     link = file.get(name, getlink=True)
     expect(isinstance(link, h5py.HardLink), f"{name} must be an array of the file itself", link)
@@ -201,6 +207,7 @@ class Sensing:
     def __init__(self, head: Mapping[str, Any], ndim: int, delta: float) -> None:
         """Read the head's entry for sensing; ValueError where a number is negative or too large.
 
+        head : the entry; what it lacks is 0 or False, and one number for `error` counts for all axes.
         ndim : the number of axes. delta : the length of an interval, s, which delay and twice the jitter may not
             exceed.
         """
@@ -231,7 +238,7 @@ class Sets:
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, ndim: int, rows: int, entries: int | None) -> None:
         """Read the cells of `ndim` axes and the sets on them; ValueError where an entry or an array does not fit.
 
-        head : the head's entry for cells. arrays : the open file.
+        head : the head's entry for cells; without "layers" there are none. arrays : the open file.
         rows : how many leading axes number the rows. entries : how many sets there are; None: any number.
         """
         shape, ends = head["shape"], zip(head["lowers"], head["widths"], head["extents"], strict=True)

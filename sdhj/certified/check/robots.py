@@ -89,11 +89,12 @@ def column_major(boxes: Array) -> Array:
 
 
 def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
-    """Whether something is proved to hold all over boxes (2, M, axes): (M,) bool.
+    """Whether something is proved to hold all over boxes (2, M, axes), which stay as they are: (M,) bool.
 
     holds : called with boxes (2, m, axes); returns where it holds all over, and where it surely does not, (m,) bool
-        each (`Holds`). A box for which both are False is halved along the axes `along` (axes,) bool, `depth` times at
-        most.
+        each (`Holds`). A box for which both are False is halved along each of the axes `along`.
+    along (axes,) : bool; if none is True no box is halved. depth : how many times a box is halved along each, at most;
+        what is open then counts as not proved.
     """
     count, depth = boxes.shape[1], depth if along.any() else 0
     out, left = np.ones(count, np.bool_), [(boxes, np.arange(count), depth)]
@@ -113,7 +114,10 @@ def everywhere(holds: Holds, boxes: Array, along: Array, depth: int) -> Array:
 
 
 def by_slabs(holds: Callable[[Array], Array], numbers: Array) -> Array:
-    """holds(numbers), (M, ...), for numbers (M,), asked for `BOXES_AT_ONCE` of them at a time to bound memory."""
+    """holds(numbers), (M, ...), called with at most `BOXES_AT_ONCE` of the numbers (M,) at a time, to bound memory.
+
+    holds : from numbers (m,) to an array (m, ...), one entry for each. It is called once with none where M is 0.
+    """
     begins = range(0, max(len(numbers), 1), BOXES_AT_ONCE)
     return np.concatenate([holds(numbers[begin : begin + BOXES_AT_ONCE]) for begin in begins])
 
@@ -123,6 +127,17 @@ class Robot(Sets):
 
     `claims` checks all that the file says of them. ValueError, here or in a method, where the file does not fit
     together.
+
+    known (ndim,) : bool, along which axes the moves depend on the cell. A place is a cell of these axes alone, numbered
+        cell @ strides.
+    low, high (starts, inputs, places, ndim) int16 : the moves, the first and the last cell that an input leads to, less
+        the cell's own index. starts is 1 where the velocity does not depend on time.
+    clear (starts, cells, bytes) uint8 : under which inputs the file says that a cell is clear, a bit each.
+    off (ndim,) : E, how far a prediction may be off, by the file.
+    delta, delay, jitter, length : the interval, what `Sensing` says, and the longest interval, delta + 2 jitter, s.
+    near (ndim,) : how far off a cell a state counts as in it.
+    target, unsafe : a `Part` or None, and a list of `Part`.
+    trusted : the names of functions of which the check believes what their author states.
     """
 
     def __init__(self, head: Mapping[str, Any], arrays: h5py.File, problem: Any) -> None:
@@ -158,14 +173,16 @@ class Robot(Sets):
 
     @staticmethod
     def needs(head: Mapping[str, Any], arrays: h5py.File, samples: int | None) -> int:
-        """The bytes that a check takes, by what the head says of cells, places and parts.
+        """About the bytes of memory that a check takes, by the sizes of cells, places, parts and arrays: an estimate.
 
-        First for moves: for each cell flags, for each that is looked at its number, place and row, some of them twice;
-        for each place what a box sweeps in each part, and for a slab of them all that is made meanwhile. Then for sets:
-        for each cell whether it is in some, and sums, doubled where axes close. Less than half as much again is taken.
+        What is measured is less than half as much again. The file is not checked here: LookupError or TypeError where
+        an entry is missing or of another kind.
 
-        samples : as for `verify`.
+        head, arrays : of the file. samples : how many cells are drawn, None: all are checked.
         """
+        # First for moves: for each cell flags, for each that is looked at its number, place and row, some of them
+        # twice; for each place what a box sweeps in each part, and for a slab of them all that is made meanwhile. Then
+        # for sets: for each cell whether it is in some, and sums, doubled where axes close.
         counts, flags, parts = head["cells"]["shape"], head["proof"]["own"], head["proof"]["parts"]
         ndim, cells = len(counts), math.prod(counts)
         places = math.prod(n for n, flag in zip(counts, flags, strict=False) if flag)
@@ -193,7 +210,8 @@ class Robot(Sets):
     def read_proof(self, stated: Mapping[str, Any], arrays: h5py.File, endless: bool) -> None:
         """Read what the proof says of the cells: the axes of a place, moves, lines, clear inputs, arrivals, and E.
 
-        Called by `__init__` when cells and sets are read. ValueError where an array does not fit the problem.
+        Into the attributes of the class, by `__init__`, after cells and sets. ValueError where an array does not fit
+        the problem.
 
         stated : the proof's part of the head. arrays : the open file. endless : whether sets are said to hold for ever.
         """
@@ -227,8 +245,11 @@ class Robot(Sets):
     def read_arrivals(self, stated: Mapping[str, Any], arrays: h5py.File) -> tuple[Array, Array]:
         """The strides of sites (ndim,), and which inputs lead into the target itself, (starts, sites, bytes) uint8.
 
-        A cell is at the site sum(cell * strides). The array has length 0 where the proof states none; ValueError where
-        there can be none.
+        A site is the part of a cell on the axes that moves or target depend on, numbered sum(cell * strides); input j
+        is bit j % 8 of byte j // 8. Where the proof states none the strides are 0 and the array has length 0.
+        ValueError without a target, and with sensing that is uncertain: then nothing may lead into the target itself.
+
+        stated : the proof's part of the head. arrays : the open file.
         """
         if not stated.get("arrives"):
             return np.zeros(len(self.counts), np.int64), np.zeros((0, 0, 0), np.uint8)
@@ -341,10 +362,11 @@ class Robot(Sets):
     def known_within(self) -> list[str]:
         """A text for each input and stride of the delay in which a prediction may be off by more than the file says.
 
-        [] if there is none. What is measured is moved on in STRIDES strides of the delay, each by an average of
-        undisturbed velocities at points no farther from where the stride began than the fastest state gets meanwhile.
-        The state is as near to what was measured then.
+        [] if there is none, as without a delay. The delay is cut into `STRIDES` strides (`stays_near`).
         """
+        # What is measured is moved on in strides, each by an average of undisturbed velocities at points no farther
+        # from where the stride began than the fastest state gets meanwhile. The state is as near to what was measured
+        # then.
         allowed, wrong, stride = self.off - self.error, [], self.delay / STRIDES  # check 3.37
         places = self.cells_at(np.arange(int(np.prod(self.counts[self.known]))))
         boxes = np.where(self.known, self.ends(places), np.array([self.grid.lower, self.grid.upper])[:, None])
@@ -365,7 +387,7 @@ class Robot(Sets):
     def cells_at(self, places: Array, strides: Array | None = None) -> Array:
         """A cell (M, ndim) at each place (M,): the one with index 0 on the axes that are no place's.
 
-        strides (ndim,) : other strides than those of places, such as those of sites, to which `places` then belong.
+        strides (ndim,) : those by which `places` are numbered; None: the robot's. Those of sites make cells of sites.
         """
         own = zip((self.strides if strides is None else strides).tolist(), self.counts.tolist(), strict=True)
         return np.stack([places // stride % n if stride else 0 * places for stride, n in own], axis=1)
@@ -379,12 +401,15 @@ class Robot(Sets):
         return np.where(self.known, self.ends(self.cells_at(places), self.near), whole)  # check 3.26
 
     def driven(self, places: Array, j: Any, start: float, finer: int, closer: bool) -> tuple[Array, Array]:
-        """How far the ends of the boxes at places (M,) move under u_j in the interval from `start`, s: (swept, last).
+        """How far the ends of the boxes at places (M,) move in the interval from `start`, s: (swept, last).
 
-        swept (M, parts, 2, ndim) : the farthest in each part.
+        Displacements of the lower and the upper ends, rounded outward: with them added a box holds all that can be
+        reached, whatever the adversary does. `Unbounded` where no bounds are found.
+
+        swept (M, parts, 2, ndim) : the farthest in each part of the interval.
         last (2, M, ndim) : at the interval's end, whenever that is, to what is then predicted or carried on.
-        j : an index, or (M,). finer : into how many pieces each part is cut. closer : how each piece is bounded, as of
-            `piece`. `Unbounded` as of `piece`.
+        j (M,) : for each place the index of the input that acts. finer : into how many pieces each part is cut.
+        closer : whether an end moves as the velocity can be in the face on its side, not in the whole box (`piece`).
         """
         grid, at = self.grid, column_major(self.boxes(places))
         walls = np.array([[end == "wall" for end in ends] for ends in grid.ends]).T & ~self.periodic & self.known
@@ -426,10 +451,13 @@ class Robot(Sets):
         return swept, held(self.remembered(at, last))
 
     def remembered(self, at: Array, last: Array) -> Array:
-        """How far the ends of what a robot that remembers carries on have moved, (2, M, ndim).
+        """How far the ends of the boxes of cells that a controller with memory goes on with have moved: (2, M, ndim).
 
-        at : the boxes (2, M, ndim) that it had. last : how far the ends of what these lead to have moved. Carried on is
-        what is E inside of that, or its middle where there is none; of what has reached a wall, the layer there.
+        It goes on with the box that is E inside of what the state is led to, or with its middle where that is empty;
+        with all of it where that lies in the layer at a wall.
+
+        at (2, M, ndim) : the boxes at the interval's begin. last (2, M, ndim) : how far the ends of the boxes that the
+            state is led to have moved from there.
         """
         grid = self.grid
         first, second = at + last - OUTWARD * self.off
@@ -454,11 +482,15 @@ class Robot(Sets):
         return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array, closer: bool) -> Array:
-        """How far, (2, M, ndim), ends of boxes have moved after a piece; at its begin they are `box`, moved by `moved`.
+        """How far ends of boxes have moved in all after one more piece of the interval: (2, M, ndim).
 
-        An end moves as the velocity can be in a box that the state does not leave meanwhile; or closer, in the face on
-        its side of all that is reached in it. Unbounded where no such box is found. j (M,) : inputs; times : of the
-        piece, s; far (2, M, ndim) : about how far each end moves outward, with which the search begins.
+        An end moves as the velocity can be in a box that the state does not leave meanwhile; with `closer`, in the face
+        on its side of that box. `Unbounded` where no such box is found. Along axes that are no place's the box is not
+        moved.
+
+        box (2, M, ndim) : the ends when the piece begins. moved (2, M, ndim) : how far they have moved until then.
+        j (M,) : inputs. times : of the piece, s to s.
+        far (2, M, ndim) : about how far each end moves outward, with which the search begins; overwritten.
         """
         h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty_like(box)
         left: Any = slice(None)
@@ -492,8 +524,10 @@ class Robot(Sets):
     def moves_hold(self, places: Array, start: int, j: Any, moved: Array) -> Array:
         """Whether what the cells at places (M,) are led to under u_j lies in the cells of the file's moves: (M,) bool.
 
-        j : an index, or (M,). moved (2, M, ndim) : how far the ends of the cells move, the second result of `driven`.
-            start : the index of the interval in the moves.
+        Up to `STICKS_OUT` of the largest coordinate of an axis.
+
+        start : the index of the interval in `low` and `high`. j : an index, or (M,).
+        moved (2, M, ndim) : how far the ends of the cells move, the second result of `driven`.
         """
         fits, cells, sticks = np.ones(len(places), np.bool_), self.cells_at(places), STICKS_OUT * self.scale
         for axis, (lower, width, least, most) in enumerate(self.axes):
@@ -515,14 +549,17 @@ class Robot(Sets):
         """Whether predictions from measurements in boxes (2, M, ndim) stay within `off` over a delay: (M,) bool.
 
         delay * |velocity - undisturbed velocity| <= allowed has to hold around each box; where that is open boxes are
-        halved.
+        halved, `NEAREST` times at most along each axis of a place.
 
-        j : the index of the input that acts. times : of the stride, s to s. allowed : (ndim,). travel (2, 1, ndim) :
-            how far a state may move meanwhile, downward and upward.
+        j : the index of the input that acts. times : of the stride, s to s. allowed (ndim,) : `off` less the error of a
+            measurement. travel (2, 1, ndim) : how far a state may move meanwhile, downward (<= 0) and upward.
         """
 
         def near(box: Array) -> tuple[Array, Array]:
-            """Where velocities around predictions in boxes (2, m, ndim) differ by little enough, (m,); and False."""
+            """Where velocities around predictions in boxes (2, m, ndim) differ by little enough; and False: (m,) bool.
+
+            So no box is ever said to fail: it is halved to the last.
+            """
             calm = self.velocity(j, box + travel, times, False)
             wild = self.velocity(j, box + travel + OUTWARD * self.off, times)  # check 3.39
             difference = np.maximum(wild[1] - calm[0], calm[1] - wild[0])  # check 3.43
@@ -536,6 +573,7 @@ class Robot(Sets):
     def outside(self, part: Part, box: Array, times: Times, depth: int = DEEPEST) -> Array:
         """Whether boxes (2, M, axes) are proved to be outside a set at all `times`, s to s: (M,) bool.
 
+        part : the set; boxes are on its axes, in the order of `part.axes`.
         depth : how often a box of open sign is halved along each axis, at most.
         """
         out, every = np.ones(box.shape[1], np.bool_), np.ones(box.shape[2], np.bool_)
@@ -547,13 +585,16 @@ class Robot(Sets):
     def above(self, part: Part, one: Formula | BlackBox, times: Times, box: Array) -> tuple[Array, Array]:
         """Where a function of a set is proved > 0 all over boxes (2, M, axes), and where <= 0: both (M,) bool.
 
-        At all `times`, s to s. one : one of `part.least_of`.
+        At all `times`, s to s. part : the set, on whose axes the boxes are. one : one of `part.least_of`.
         """
         least, most = self.value(part, one, box, times)
         return least > 0, most <= 0  # check 4.31
 
     def inside(self, part: Part, box: Array, times: Times) -> Array:
-        """Whether boxes (2, M, axes) are proved to be inside a set at all `times`, s to s: (M,) bool."""
+        """Whether boxes (2, M, axes) are proved to be inside a set at all `times`, s to s: (M,) bool.
+
+        part : the set, on whose axes the boxes are. A box of open sign is halved up to `DEEPEST` times.
+        """
 
         def holds(some: Array) -> tuple[Array, Array]:
             """Where the function is <= 0 all over boxes (2, m, axes), and where it is > 0 all over: both (m,) bool."""
@@ -568,9 +609,10 @@ class Robot(Sets):
         Clear of unsafe ends, and of the sets that are unsafe under u_j; what has wholly left over a safe end is not
         asked about.
 
-        ends (2, M, ndim) : the boxes.
-        swept (P, parts, 2, ndim) : tubes, of `driven`. at (M,) : which of these is each box's.
-        depth : how often boxes are halved.
+        ends (2, M, ndim) : the corners of the boxes that tubes begin from. step : the number of the interval.
+        swept (P, parts, 2, ndim) : how far ends of boxes move in each part, the first result of `driven`.
+        at (M,) : which of these P is each box's.
+        depth : how often a box of open sign is halved along each axis, at most.
         """
         grid, out = self.grid, np.ones(len(at), np.bool_)
         there = self.not_gone(ends, swept, at)
@@ -598,10 +640,12 @@ class Robot(Sets):
         return out
 
     def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
-        """The lattice of an unsafe set, by its number, and its counted boxes, an array for each part of an interval.
+        """The lattice of an unsafe set, and its boxes counted (`Lattice.counted`), a list of arrays.
 
-        A single array for all times where the set stands still; else for the interval from a step. Each lattice is made
-        once and kept.
+        A single array, for all times, where the set stands still; else one for each part of the interval from a step.
+        Each lattice is made once and kept.
+
+        number : the set's, in `unsafe`. `pieces` must not be 0 for it.
         """
         part = self.unsafe[number]
         own, key = list(part.axes), (number, step if part.moving else 0)
@@ -634,8 +678,9 @@ class Robot(Sets):
 
         In the interval from a step. False where the lattices leave it open, for which `clear_holds` is to be asked.
 
-        places (P,), swept (P, parts, 2, ndim) : places and the tubes of their cells.
-        at (M,) : which of these is each cell's.
+        places (P,), swept (P, parts, 2, ndim) : places, and how far ends of their cells move in each part, the first
+            result of `driven`.
+        at (M,) : which of these P is each cell's.
         """
         grid, out = self.grid, np.ones(len(numbers), np.bool_)
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
@@ -687,8 +732,9 @@ class Robot(Sets):
     def along(self, axis: Any, places: Array, tube: Array) -> tuple[Array, Array]:
         """The lower and the upper ends of tubes along an axis, with room for the shell: both (P, n), or (P, 1).
 
-        (P, n), from each of the axis's n cells; (P, 1) where the axis is a place's. places (P,), tube (P, 2, ndim) : as
-        for `misses`.
+        (P, n), from each of the axis's n cells; (P, 1) where the axis is a place's, from the cell of each place.
+
+        places (P,), tube (P, 2, ndim) : places, and how far the ends of their cells move.
         """
         if not self.known[axis]:
             return self.carried(axis, tube[:, :, axis])
@@ -696,14 +742,20 @@ class Robot(Sets):
         return edges[cells] + tube[:, 0, axis, None] - near, edges[cells + 1] + tube[:, 1, axis, None] + near
 
     def carried(self, axis: int, tubes: Array) -> tuple[Array, Array]:
-        """Ends of tubes (M, 2) along an axis on which no place is, from each of its cells: both (M, cells)."""
+        """The lower and the upper ends of tubes along an axis, from each of its cells: both (M, cells).
+
+        With room for the shell. axis : one on which no place is. tubes (M, 2) : how far both ends of a cell move.
+        """
         edges, near = self.edges[axis], 2 * self.near[axis]
         return edges[:-1] + tubes[:, :1] - near, edges[1:] + tubes[:, 1:] + near
 
     def clear_in_slabs(self, step: int, j: int, numbers: Array, swept: Array, at: Array) -> Array:
-        """`clear_holds` for the cells with flat numbers (M,) and the tubes swept[at] under u_j: (M,) bool.
+        """Whether tubes under u_j from cells with flat numbers (M,) are proved clear in a step's interval: (M,) bool.
 
-        `BOXES_AT_ONCE` cells at a time, to bound memory.
+        By `clear_holds`, `BOXES_AT_ONCE` cells at a time to bound memory.
+
+        swept (P, parts, 2, ndim) : how far ends of cells move in each part, the first result of `driven`.
+        at (M,) : which of these P is each cell's.
         """
         out = np.empty(numbers.size, np.bool_)
         for begin in range(0, numbers.size, BOXES_AT_ONCE):
@@ -718,7 +770,9 @@ class Robot(Sets):
     def not_gone(self, ends: Array, swept: Array, at: Array) -> Array:
         """In which parts the tubes of boxes `ends` (2, M, ndim) may still be between the safe ends: (M, parts) bool.
 
-        Once False, False in all later parts: then all of a tube has left. swept, at : as for `clear_holds`.
+        Once False, False in all later parts: then all of a tube has left over a safe end.
+
+        swept (P, parts, 2, ndim) : how far ends of boxes move in each part. at (M,) : which of these P is each box's.
         """
         left, grid = np.zeros((len(at), self.parts), np.bool_), self.grid
         for axis in np.flatnonzero(self.safe.any(axis=1)):
@@ -730,7 +784,8 @@ class Robot(Sets):
     def goals_hold(self, numbers: Array, step: int) -> Array:
         """Whether the cells with flat numbers (M,) are proved inside the target and outside the unsafe sets at t_step.
 
-        (M,) bool. At all times where the sets do not depend on time.
+        (M,) bool. With the shell and E around them; at all times where the robot is time-invariant. Sets that are
+        unsafe under some inputs only are not asked about. Without a target: outside the unsafe sets.
         """
         # check 5.15
         times = self.always if self.time_invariant else (self.time(step) - self.jitter, self.time(step) + self.jitter)
@@ -742,14 +797,21 @@ class Robot(Sets):
         return out & self.inside(self.target, box[..., list(self.target.axes)], times)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest.
+
+        step, within : step + within <= steps, which is not checked. Of a time-invariant robot `step` is ignored, and
+        the last set that is kept stands for larger `within`.
+        """
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
         blocks = self.pool[self.index[row]].view(np.uint8)
         return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
-        """The claim, checked, that inputs lead into the target itself, at the sites of cells of flat numbers (M,)."""
+        """The claim, checked, that inputs lead into the target itself, at the sites of cells with flat numbers (M,).
+
+        Claims at other sites are counted as made and not checked. silent : show no progress bar.
+        """
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
         some = np.zeros(self.arrives.shape[1], np.bool_)
         some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
@@ -769,7 +831,10 @@ class Robot(Sets):
     def arrivals_hold(self, pairs: Array, step: int, finer: tuple[int, bool]) -> Array:
         """Whether an input leads all of the cells at a site into the target at the end of a step's interval: (M,) bool.
 
-        pairs (M,) : of an input and a site, as j * sites + site. finer : the last two arguments of `driven`.
+        False, too, where no bounds are found; with the finest bounds, `FINER[-1]`, that is `Unbounded`.
+
+        pairs (M,) : of an input and a site, as j * sites + site. step : the number of the interval.
+        finer : the last two arguments of `driven`.
         """
         assert self.target is not None
         inputs, sites = np.divmod(pairs, self.arrives.shape[1])
@@ -788,7 +853,9 @@ class Robot(Sets):
     def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
         """Whether each of the cells (M,) has a clear input that leads it into a set, or into the target: (M,) bool.
 
-        numbers (M,) : the cells' flat numbers. step : when the interval begins.
+        By what the file says of moves, clear inputs and arrivals.
+
+        numbers (M,) : the cells' flat numbers. step : the number of the interval.
         following (cells,) bool : the set, of the next step with a step less to go.
         """
         if self.at_once is not None and self.at_once.leads():
@@ -806,14 +873,17 @@ class Robot(Sets):
         return by_slabs(hold, numbers)
 
     def sums(self, cells: Array) -> Array:
-        """How many cells of a set, (cells,) bool, lie below each corner: its `sums`, periodic axes twice over."""
+        """How many cells of a set, (cells,) bool, lie below each corner: int32, what `lattice.sums` returns."""
         return sums(cells.reshape(self.counts), self.periodic)
 
     def leads(self, numbers: Array, step: int, j: int, counted: Array) -> Array:
         """Whether u_j is clear from the cells with flat numbers (M,) and leads all of each into a set, or the target.
 
         (M,) bool. By the file's flags, moves, lines and arrivals, for the interval from a step. What has wholly left
-        over a safe end by a cell counts as in the set. counted : the set's `sums`.
+        over a safe end by a cell counts as in the set.
+
+        step : the number of the interval; the last one kept stands for later ones. counted : what `sums` returns for
+            the set.
         """
         cells, most = self.cells(numbers), self.counts - 1
         start, clear = min(step, len(self.low) - 1), self.clear[min(step, len(self.clear) - 1)]
@@ -836,7 +906,9 @@ class Robot(Sets):
     def box_inside(self, first: Array, last: Array, counted: Array) -> Array:
         """Whether all cells of boxes from first to last (M, ndim), inclusive, are in a set: (M,) bool.
 
-        Boxes are clipped at bounded ends, and go around periodic axes. counted : the set's `sums`.
+        Boxes are clipped at bounded ends, and go around periodic axes; last >= first, which is not checked.
+
+        counted : what `sums` returns for the set.
         """
         most = self.counts - 1
         turns, whole = first // self.counts * self.counts, last - first > most
@@ -850,7 +922,12 @@ class Robot(Sets):
     def claims(self, samples: int | None, seed: int, silent: bool) -> Iterator[Claim]:
         """Yield all claims, checked; those of single cells for `samples` random cells, or for all if it is None.
 
-        Only the first where cells do not cover the axes. seed : of the cells drawn. silent : show no progress bar.
+        Only the first where cells do not cover the axes. With samples, and where python-flint is installed, bounds on
+        formulas are compared with Arb's in `MOST_IN_BALLS` cells at most. The last one names the functions of which
+        what is stated is believed, if there are any.
+
+        samples : at least 1, or None; more than there are cells: all of them. seed : of the cells drawn, and of the
+            states. silent : show no progress bar.
         """
         ndim, wrong = self.grid.ndim, self.cover()
         yield Claim(COVER, ndim, ndim, wrong)
@@ -893,7 +970,8 @@ class Robot(Sets):
     def claims_of_moves(self, numbers: Array, silent: bool) -> Iterator[Claim]:
         """Yield two claims, checked for the cells with flat numbers (M,): their moves, and the inputs said to be clear.
 
-        silent : show no progress bar.
+        What is not proved yet is bounded finer and finer (`FINER`). numbers : ascending, each once. silent : show no
+        progress bar.
         """
         at, (starts, inputs, all_places, _) = np.zeros(numbers.size, np.int64), self.low.shape
         if all_places > 1:
@@ -937,7 +1015,8 @@ class Robot(Sets):
     ) -> None:
         """Take out of `moving` and `open_`, in place, what is proved with bounds of `driven` that are so fine.
 
-        start : the index of the interval in the moves. finer : the last two arguments of `driven`.
+        start : the index of the interval in `low` and `high`. finer : the last two arguments of `driven`; `Unbounded`
+            for the finest, `FINER[-1]`, where no bounds are found, and with others nothing is taken out there.
         moving : for each input the places whose moves are not proved yet.
         open_ : for each input and step the cells from which it is not proved clear yet, as indices into numbers and at.
         numbers, at (M,) : the flat numbers of the cells that are checked, and their places.
@@ -978,9 +1057,9 @@ class Robot(Sets):
                 open_[j][step] = some[~self.clear_in_slabs(step, j, numbers[some], ways, row[at[some]])]
 
     def groups(self, boxes: int, numbers: int) -> list[range]:
-        """The inputs, as ranges of indices, in groups that are looked at together, as memory allows.
+        """All inputs, as ranges of indices, in groups of at least one that are looked at together, as memory allows.
 
-        boxes, numbers : how many boxes, and how many cells, each input has.
+        boxes, numbers : how many boxes, and how many cells, are looked at for each input.
         """
         together = max(min(BOXES_AT_ONCE // max(boxes, 1), NUMBERS_AT_ONCE // max(numbers, 1)), 1)
         return [range(j, min(j + together, self.count)) for j in range(0, self.count, together)]

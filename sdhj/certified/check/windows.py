@@ -25,7 +25,13 @@ Windows = tuple[Array, Array, Array]  # the first and the last box, both (K, cel
 
 
 def worth_while(counts: Sequence[int], known: Sequence[bool], inputs: int, sets: Iterable[Sequence[int]]) -> bool:
-    """Whether few tubes go along with many cells, and no place is on the axes of sets: `known` (ndim,) has places."""
+    """Whether `AtOnce` is worth its memory: few tubes go along with many cells, and no set has an axis that moves read.
+
+    At most `MOST_TUBES` tubes, of `inputs` inputs from every place, and at least `LEAST_CELLS` cells for each place.
+
+    counts (ndim,) : the numbers of cells along each axis. known (ndim,) : whether an axis is one that places are on,
+        because moves depend on it. inputs : how many inputs there are. sets : for each unsafe set its axes.
+    """
     places = math.prod(n for n, own in zip(counts, known, strict=True) if own)
     many = inputs * places <= MOST_TUBES and math.prod(counts) >= LEAST_CELLS * places
     return many and not any(known[axis] for axes in sets for axis in axes)
@@ -33,7 +39,11 @@ def worth_while(counts: Sequence[int], known: Sequence[bool], inputs: int, sets:
 
 @compiled()
 def unite(boxes, first, last, out):
-    """out[a, i] = OR of boxes[a, at % n] for `at` from first[i] to last[i]: boxes (A, n, B), out (A, cells, B)."""
+    """out[a, i] |= OR of boxes[a, at % n] over `at` from first[i] to last[i], both included; in place.
+
+    boxes (A, n, B), out (A, cells, B) : uint8; `out` is 0 at first. first, last (cells,) : int; an empty range adds
+    nothing.
+    """
     for a in range(out.shape[0]):
         for i in range(out.shape[1]):
             own = out[a, i]
@@ -45,7 +55,11 @@ def unite(boxes, first, last, out):
 
 @compiled()
 def unite_bits(boxes, first, last, size, out):
-    """As `unite` along bits, of which a row has so many: boxes (A, bytes), out (A, bytes)."""
+    """Set bit i of out[a] where bit at % size of boxes[a] is set for an `at` from first[i] to last[i]; in place.
+
+    So `unite` along the packed axis. boxes, out (A, bytes) : uint8, the first bit lowest; `out` is 0 at first. size :
+    the number of bits in a row of `boxes`. first, last (cells,) : int, both included.
+    """
     for a in range(out.shape[0]):
         for i in range(first.size):
             for at in range(first[i], last[i] + 1):
@@ -57,7 +71,10 @@ def unite_bits(boxes, first, last, size, out):
 
 @compiled()
 def reach(cells, first, last, out):
-    """out[a, at % n] |= cells[a, i] for `at` from first[i] to last[i]: cells (A, cells, B), out (A, n, B)."""
+    """out[a, at % n] |= cells[a, i] for all i, and all `at` from first[i] to last[i], both included; in place.
+
+    cells (A, cells, B), out (A, n, B) : uint8; `out` is 0 at first. first, last (cells,) : int.
+    """
     for a in range(out.shape[0]):
         for i in range(first.size):
             own = cells[a, i]
@@ -69,7 +86,11 @@ def reach(cells, first, last, out):
 
 @compiled()
 def reach_bits(cells, first, last, size, out):
-    """As `reach` along bits, of which a row has so many: cells (A, bytes), out (A, bytes)."""
+    """Set bit at % size of out[a] for all `at` from first[i] to last[i] where bit i of cells[a] is set; in place.
+
+    So `reach` along the packed axis. cells, out (A, bytes) : uint8, the first bit lowest; `out` is 0 at first. size :
+    the number of bits in a row of `out`. first, last (cells,) : int, both included.
+    """
     for a in range(out.shape[0]):
         for i in range(first.size):
             if (cells[a, i >> 3] >> (i & 7)) & 1:
@@ -79,9 +100,15 @@ def reach_bits(cells, first, last, size, out):
 
 
 def along(cells: Array, n: int, axis: int, packs: bool, first: Array, last: Array, back: bool = False) -> Array:
-    """Boxes united over the window of each cell along an axis of n of them, which may be the packed one.
+    """Boxes united over the window of each cell along one axis; with `back`, the boxes in the windows of given cells.
 
-    back : the boxes in windows of cells are united instead
+    Without `back` an entry of the result is the OR of the boxes from first[i] to last[i], for cell i; with it, the OR
+    of the cells in whose window a box is. uint8; the argument itself where the window of each cell is the box of the
+    same number.
+
+    cells : uint8, the boxes, n along `axis`; with `back`, the cells. n : how many boxes there are along the axis.
+    packs : whether `axis` is the last one, of which eight are in a byte.
+    first, last (cells,) : the first and the last box of each cell's window, as of `Lattice.overlapped`.
     """
     if first.size == n and (first == np.arange(n)).all() and (first == last).all():
         return cells
@@ -99,9 +126,13 @@ def along(cells: Array, n: int, axis: int, packs: bool, first: Array, last: Arra
 def united(
     boxes: Array, shape: Sequence[int], windows: Sequence[Windows], some: Array
 ) -> Iterator[tuple[Array, Array]]:
-    """Which of some tubes (n,) are alike, and from which cells what they overlap is met: packed, as the boxes are.
+    """Yield groups of tubes whose windows are alike, and the cells from which they overlap a marked box.
 
-    shape : of the boxes on all axes. One axis after the other is united, the last one first.
+    (alike, cells): indices of tubes (m,), each of `some` in one group, and uint8 flags of cells, packed as the boxes
+    are. One axis after the other is united, the last one first.
+
+    boxes : uint8 flags, packed along the last axis. shape : the numbers of boxes along all axes.
+    windows : for each axis the windows of all tubes (`Windows`). some (n,) : indices of tubes.
     """
     axis = len(windows) - 1
     if axis < 0:
@@ -114,7 +145,12 @@ def united(
 
 
 def overlapped(cells: Any, shape: Sequence[int], windows: Sequence[Windows], some: Array) -> Array:
-    """Which boxes some tubes (n,) overlap from cells that `cells` says of them, packed: the other way of `united`."""
+    """Which boxes tubes overlap from the cells that count for them: uint8 flags, packed along the last axis.
+
+    cells : called with indices of tubes (m,), returns for which cells any of them counts, packed uint8.
+    shape : the numbers of boxes along all axes. windows : for each axis the windows of all tubes (`Windows`).
+    some (n,) : indices of tubes, at least one.
+    """
     axis = len(windows) - 1
     if axis < 0:
         return np.asarray(cells(some))
@@ -127,31 +163,50 @@ def overlapped(cells: Any, shape: Sequence[int], windows: Sequence[Windows], som
 
 
 def each_once(first: Array, last: Array) -> Windows:
-    """Windows (M, cells), those that are alike once, and which of them each is."""
+    """M windows of each cell as `Windows`: those that are alike once, and which of them each of the M is.
+
+    first, last (M, cells) : int, the first and the last box.
+    """
     ends, of = np.unique(np.concatenate([first, last], axis=1), axis=0, return_inverse=True)
     first, last = np.split(ends, 2, axis=1)
     return np.ascontiguousarray(first), np.ascontiguousarray(last), of.ravel()
 
 
 class AtOnce:
-    """What holds of the cells of a `robots.Robot`, asked of all of them at once."""
+    """What holds of the cells of a `robots.Robot`, asked of all of them at once.
+
+    tubes (inputs * places, parts, 2, ndim) : how far ends of cells move in each part of an interval, input by input;
+        empty before `look_at`, and where a tube has no bounds.
+    met : by an unsafe set's number and a step what `met_by` returned, for these tubes.
+    kept : a step and what `clear_in` returned for it.
+    """
 
     def __init__(self, robot: Any) -> None:
-        """Nothing is looked at yet."""
+        """Nothing is looked at yet. robot : a `robots.Robot` that has read its cells and its proof."""
         self.robot, self.shape, self.places = robot, robot.counts.tolist(), robot.low.shape[2]
         self.tubes, self.met, self.kept = np.empty(0), dict[tuple[int, int], Array](), (-1, list[Array]())
 
     # ---- tubes
 
     def look_at(self, start: int) -> None:
-        """Take the tubes of all inputs and places from a start on for what is asked then, if all are bounded."""
+        """Bound the tubes of all inputs and places in the interval that begins at step `start`, and keep them.
+
+        `open_cells` then answers by them. If one has no bounds in `PIECES` pieces, none are kept. What earlier tubes
+        met is forgotten.
+        """
         of, at = np.arange(self.robot.count).repeat(self.places), np.tile(np.arange(self.places), self.robot.count)
         self.tubes, self.met = np.empty(0), {}
         with suppress(ValueError):  # which is said of a tube that is unbounded in any pieces
             self.tubes = self.robot.driven(at, of, self.robot.time(start), PIECES, True)[0]
 
     def open_cells(self, flags: Array, step: int, j: int) -> Array:
-        """The numbers of the cells with flags (cells,) from which it is open whether u_j is clear in a step."""
+        """The numbers of the cells, of those with flags, from which it is open whether u_j is clear in a step: (m,).
+
+        From all others it is proved clear, by the tubes of `look_at`; where none are kept it is open from all.
+
+        flags (cells,) : bool. step : the number of the interval, which must be one that `look_at` was called for if
+            anything depends on time.
+        """
         if not self.tubes.size:
             return np.flatnonzero(flags)
         left = flags.reshape(self.shape) & ~self.past_ends(j)
@@ -161,7 +216,7 @@ class AtOnce:
         return np.flatnonzero(flags & ~left.ravel())  # check 4.73
 
     def past_ends(self, j: int) -> Array:
-        """From which cells a tube of u_j may get past an unsafe end: flags of all cells, to be broadcast."""
+        """From which cells the tube of u_j may get past an unsafe end: bool, broadcasts to the numbers of cells."""
         robot, places = self.robot, np.arange(self.places)
         out, own = np.zeros([1] * len(self.shape), np.bool_), self.tubes[j * self.places : (j + 1) * self.places]
         whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)  # check 4.76
@@ -173,9 +228,12 @@ class AtOnce:
         return out
 
     def met_by(self, number: int, step: int) -> Array:
-        """From which cells of its axes tubes overlap what may meet an unsafe set in a step.
+        """From which cells on an unsafe set's axes the tube of each input and place overlaps what may meet the set.
 
-        Packed: (inputs, places, *cells, bytes).
+        (inputs, places, *cells, bytes) uint8, the set's last axis packed. Computed once for each set and, where it
+        moves, step.
+
+        number : the set's, in `robot.unsafe`. step : the number of the interval.
         """
         part, robot = self.robot.unsafe[number], self.robot
         key, own = (number, step if part.moving else 0), list(part.axes)
@@ -193,11 +251,15 @@ class AtOnce:
                 if len(own) == len(self.shape) and len(robot.clear) == 1:  # of where no input is clear nothing is asked
                     clear, each = self.clear_in(0), tubes.shape[1]
 
-                    def cells(which: Array, clear: Any = clear, each: int = each) -> Array:
-                        """From which cells one of some tubes has to be clear."""
-                        return np.bitwise_or.reduce([clear[j] for j in np.unique(which // each).tolist()])
+                    def said_clear(some: Array, clear: Any = clear, each: int = each) -> Array:
+                        """From which cells the input of any of some tubes is said to be clear: uint8, packed.
 
-                    asked = overlapped(cells, shape, windows, np.arange(len(some)))
+                        some (m,) : numbers of tubes, of which every input has `each`. clear : of `clear_in`. Both are
+                        those of this turn of the loop.
+                        """
+                        return np.bitwise_or.reduce([clear[j] for j in np.unique(some // each).tolist()])
+
+                    asked = overlapped(said_clear, shape, windows, np.arange(len(some)))
                 boxes = lattice.united(signs, asked)
                 for alike, found in united(boxes, shape, windows, np.arange(len(some))):
                     met[np.unique(alike // tubes.shape[1])] |= found  # check 4.71
@@ -205,7 +267,13 @@ class AtOnce:
         return self.met[key]
 
     def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[Holds]]]:
-        """A lattice, and what says whether its boxes may meet an unsafe set in each part of an interval, or always."""
+        """The lattice on an unsafe set's axes for the tubes of `look_at`, and what bounds the set's function there.
+
+        (lattice, every): every[piece] is a list of `Holds`, one for each function of which the set's is the least, at
+        the times of a part of the step's interval, jitter included; a set that stands still has one piece, all times.
+
+        part : the set, a `described.Part`. step : the number of the interval.
+        """
         robot, own = self.robot, list(part.axes)
         low, high = self.tubes[:, :, 0, own].min(axis=1), self.tubes[:, :, 1, own].max(axis=1)  # check 4.68
         alike = np.maximum(np.ptp(low, axis=0), np.ptp(high, axis=0)) <= robot.near[own]
@@ -218,13 +286,21 @@ class AtOnce:
         return boxes, [[partial(robot.above, part, one, each) for one in part.least_of] for each in when]
 
     def windows(self, lattice: Lattice, k: int, tubes: Array, axis: int) -> Windows:
-        """The boxes along an axis, of a lattice its k-th, that tubes (M, 2) overlap from each cell."""
+        """The boxes along an axis that tubes overlap from each cell of it, as `Windows`.
+
+        k : which of the lattice's axes it is. axis : which of the grid's; no place is on it. tubes (M, 2) : how far the
+            lower and the upper end of a cell move.
+        """
         ends, of = np.unique(tubes, axis=0, return_inverse=True)
         first, last, some = each_once(*lattice.overlapped(k, *self.robot.carried(axis, ends)))
         return first, last, some[of.ravel()]
 
     def of_all_cells(self, some: Array, axes: Sequence[int]) -> Array:
-        """What is packed of cells along some axes at each place, (places, ...), as flags of all cells."""
+        """Flags of cells along some axes at each place as flags of all cells: bool, 1 long along all other axes.
+
+        some (places, ..., bytes) : uint8, the last of the axes packed; (places, 1) where there are none.
+        axes : ascending, none that places are on.
+        """
         order = [*np.flatnonzero(self.robot.known).tolist(), *axes]
         flags = unpacked(some, self.shape[axes[-1]] if len(axes) else 1).reshape([self.shape[axis] for axis in order])
         shape = [n if axis in order else 1 for axis, n in enumerate(self.shape)]
@@ -233,7 +309,10 @@ class AtOnce:
     # ---- steps
 
     def clear_in(self, step: int) -> list[Array]:
-        """From which cells each input is said to be clear in a step, packed."""
+        """From which cells each input is said to be clear in a step: for each a uint8 array, the last axis packed.
+
+        step : an index into `robot.clear`. The last answer is kept.
+        """
         if self.kept[0] != step:
             clear = self.robot.clear[step]
             flags = (((clear[:, j // 8] >> np.uint8(j % 8)) & 1).reshape(self.shape) for j in range(self.robot.count))
@@ -245,7 +324,12 @@ class AtOnce:
         return self.places == 1 and self.robot.lines is None and not self.robot.safe.any()
 
     def led(self, step: int, following: Array) -> Array:
-        """From which cells a clear input leads into a set alone, `following`, or into the target itself: (cells,)."""
+        """From which cells some input is clear and leads all of the cell into a set, or into the target: (cells,) bool.
+
+        By the file's moves, flags and arrivals; only where `leads` is True.
+
+        step : the number of the interval; the last one kept stands for later ones. following (cells,) : bool, the set.
+        """
         robot, start, most = self.robot, min(step, len(self.robot.low) - 1), self.robot.counts - 1
         clear = self.clear_in(min(step, len(robot.clear) - 1))
         out = np.zeros_like(clear[0])

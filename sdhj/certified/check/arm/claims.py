@@ -1,7 +1,7 @@
 """The claims of the file of an arm: its numbers from the recipe of the case study, its rows by compiled code (`rows`).
 
-A row is the cells of the agent for one pair of joint cells; it is checked with all its claims, for all starts, steps
-and inputs.
+The agent is the pursuer or the evader, whose position is in the state. A row is the cells of the agent for one pair of
+joint cells; it is checked with all its claims, for all starts, steps and inputs.
 """
 
 import math
@@ -68,7 +68,7 @@ class Scene:
     """
 
     def __init__(self, recipe: Mapping[str, Any], sensing: Mapping[str, Any]) -> None:
-        """Read a recipe and the head's entry for sensing.
+        """Read a recipe and the head's entry for sensing, {} where all is certain.
 
         ValueError, KeyError or TypeError where a number is missing or makes no sense.
         """
@@ -94,24 +94,27 @@ class Scene:
 
     @property
     def box(self) -> Fraction:
-        """Half the side of the square that the agent stays in, m, exactly."""
+        """Half the side of the square that the agent stays in, m, as a fraction."""
         return decimal(self.given[f"{self.agent}_box"])
 
     def push(self, axis: int) -> Fraction:
-        """The most that the adversary changes the velocity along an axis by, exactly; of the agent its speed."""
+        """The most that the adversary changes the velocity along an axis by, as a fraction.
+
+        In rad/s for a joint, axes 0 and 1; in m/s, the agent's greatest speed, for axes 2 and 3.
+        """
         return decimal(self.given["v_d_max" if axis < 2 else f"v_{self.agent[0]}_max"])
 
     def off(self, axis: int) -> Fraction:
-        """E along an axis, how far a prediction may be off, exactly: error + delay * push."""
+        """E along an axis, how far a prediction may be off, as a fraction: error + delay * push, rad or m."""
         return decimal(self.sensing.error[axis]) + decimal(self.sensing.delay) * self.push(axis)
 
     def spans(self) -> tuple[Fraction, Fraction]:
-        """The least and the greatest time that an input is held, s, exactly: delta -+ twice the jitter."""
+        """The least and the greatest time that an input is held, fractions, s: delta - 2 jitter, delta + 2 jitter."""
         late = 2 * decimal(self.sensing.jitter)
         return decimal(self.given["delta"]) - late, decimal(self.given["delta"]) + late  # check 3.4
 
     def inputs(self) -> list[tuple[Fraction, Fraction]]:
-        """All inputs, velocities of the two joints, exactly; the first component slowest."""
+        """All inputs, velocities of the two joints, rad/s, as fractions; the first component slowest."""
         top, n = decimal(self.given["u_max"]), self.given["input_levels"]
         values = [-top + 2 * top * i / (n - 1) for i in range(n)]
         return [(a, b) for a in values for b in values]
@@ -119,7 +122,7 @@ class Scene:
     def world(self, edges: Sequence[Array]) -> World:
         """The scene as compiled kernels read it; ValueError where a number is too large for the rounding bound.
 
-        edges : the ends of the cells of each axis, of `Sets.edges`. Returns a `World`.
+        edges : for each of the four axes the ends of its cells, as of `reading.Sets.edges`.
         """
         given, inputs = self.given, np.array(self.inputs(), dtype=np.float64)
         (l1, l2), relative = given["lengths"], given["kinematics"] == "relative"
@@ -183,7 +186,10 @@ class Arm(Sets):
         self.allowed = np.unpackbits(packed, count=math.prod(flags), bitorder="little").view(np.bool_).reshape(flags)
 
     def bits(self, step: int, within: int) -> Array:
-        """The set S_step^within of the file: (cells,) bool, the last axis fastest."""
+        """The set S_step^within of the file: (cells,) bool, the last axis fastest.
+
+        step, within : step + within <= steps, which is not checked.
+        """
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         blocks, packed = self.pool[self.index[row]].view(np.uint8), math.prod(self.counts[2:].tolist())
         return np.unpackbits(blocks, axis=1, count=packed, bitorder="little").ravel().view(np.bool_)
@@ -245,9 +251,11 @@ class Arm(Sets):
         return failed, example
 
     def ends(self, axis: int, drifts: Sequence[Fraction]) -> Array:
-        """The cells that each cell of an axis may end in for each drift: (drifts, n, most) int, the last one repeated.
+        """The cells of an axis that each of its cells may lead to, for each drift: (drifts, n, most) int.
 
-        drifts : velocities of the input, to which the adversary adds its push.
+        Where there are fewer than `most` the last one is repeated.
+
+        drifts : velocities along the axis by the input, to each of which the adversary adds its push.
         """
         push = self.scene.push(axis)
         lists = {drift: overlapped(axis, self, drift - push, drift + push) for drift in set(drifts)}
@@ -258,9 +266,13 @@ class Arm(Sets):
 def overlapped(axis: int, arm: Any, slow: Fraction, fast: Fraction) -> list[list[int]]:
     """For each cell of an axis the indices, ascending, of the cells that a prediction may be in after one interval.
 
-    slow, fast : the least and the greatest velocity; slow <= 0 <= fast on an axis with walls. A state that a wall stops
-        is in the outermost cell, which the image overlaps anyway: the state came from there or passed it.
+    Axes 0 and 1 are periodic; 2 and 3 have walls, where an image ends with the outermost cell.
+
+    arm : an `Arm`. slow, fast : the least and the greatest velocity, fractions; slow <= 0 <= fast on an axis with
+        walls.
     """
+    # A state that a wall stops is in the outermost cell, which the image overlaps anyway: the state came from there or
+    # passed it.
     n, (_, width, *extent) = int(arm.counts[axis]), arm.axes[axis]
     # check 3.3
     off = 0 if arm.scene.sensing.memory else 2 * arm.scene.off(axis)  # a point that is carried on moves as the state
@@ -292,15 +304,19 @@ def in_threads(count: int, work: Callable[[slice], None]) -> Iterator[int]:
 
 
 def erode_all(pool: Array, along_x: Array, along_y: Array, out: Array) -> None:
-    """`erode` for every block of a pool, in threads, with its arguments; the results are written to `out`."""
+    """Write to `out`, for every block of a pool, the cells for which it has all that they need (`bits.erode`).
+
+    In threads. pool, out (blocks, words) : uint64. along_x (nx, most), along_y (ny, most) : for each cell of an axis of
+    the agent the cells that are needed.
+    """
     sum(in_threads(len(pool), lambda part: erode(pool[part], along_x, along_y, out[part])))
 
 
 def cells_added(arm: Any) -> tuple[Array, Claim]:
     """How many cells each set adds to the one with a step less, in each row; and the claim that sets grow, checked.
 
-    (rows, steps + 1, 2) int64, over all starts: all cells that sets within 0, 1, ... steps add, and those at the
-    boundary, which have a neighbour outside the set. arm : an `Arm`.
+    The numbers are (rows, steps + 1, 2) int64, summed over all starts: of all cells that sets within 0, 1, ... steps
+    add, and of those among them that have a neighbour, along some axis, outside the set. arm : an `Arm`.
     """
     index, pool, inner = arm.index, arm.pool, np.empty_like(arm.pool)
     along_x, along_y = (np.clip(np.arange(n)[:, None] + [-1, 0, 1], 0, n - 1) for n in arm.counts[2:])

@@ -52,7 +52,10 @@ def expect_recipe(head: Mapping[str, Any], arrays: h5py.File, scene: Any) -> Non
 
 
 def near(one: Any, other: Any) -> bool:
-    """Whether two arrays have as many entries, the same last axis, and differ by less than `CLOSE` in every entry."""
+    """Whether two arrays have as many entries and a last axis as long, and differ by less than `CLOSE` in every entry.
+
+    False where an entry is NaN. Arrays that agree in both sizes must broadcast.
+    """
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     return one.shape[-1:] == other.shape[-1:] and one.size == other.size and bool((np.abs(one - other) < CLOSE).all())
 
@@ -78,7 +81,7 @@ def arm_to(q: Array, places: Array, scene: Any) -> Array:
 
 
 def to_link(begin: Array, end: Array, places: Array) -> Array:
-    """The distance of places from segments that go from `begin` to `end`, (M, 2) each: (M,)."""
+    """The distance of places from segments that go from `begin` to `end`, (M, 2) each: (M,); NaN for no length."""
     along = end - begin
     share = ((places - begin) * along).sum(axis=1) / (along**2).sum(axis=1)
     return np.asarray(np.hypot(*(begin + np.clip(share, 0.0, 1.0)[:, None] * along - places).T))

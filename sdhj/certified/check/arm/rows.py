@@ -35,8 +35,9 @@ def agent_cell(bit, duration, world, part):
 def settle(velocity, duration, world, bench, bits):
     """Drop from bits (words,), in place, the agent's cells from which it is not proved that the arm stays clear.
 
-    Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one. bench
-    : the row's, of `bench_of`.
+    Clear of the agent, for `duration`, s, under a velocity (2,) of the joints; cells are asked about one by one.
+
+    world : the `World`. bench : the row's, as `bench_of` made it; its scratch is overwritten. bits : uint64.
     """
     agent = (len(world.disks), len(world.disks) + 1)
     for bit in range(64 * bits.size):
@@ -79,7 +80,8 @@ def check_flags(i1, i2, world, stored):
 def check_goals(world, stored, bench, todo):
     """Drop from todo (entries, words), in place, what is proved of S_k^0: in the target, and clear of all else at t_k.
 
-    todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row of `bench`.
+    world : the `World`. stored : the file's `Stored`. bench : a row's `Bench`; its scratch is overwritten.
+    todo : for each entry of the index the agent's cells, as bits, that are to be proved in that row.
     """
     need, still = np.zeros_like(todo[0]), world.inputs[0]
     for place in range(len(todo)):
@@ -111,7 +113,7 @@ def check_goals(world, stored, bench, todo):
 def reaching(ends1, ends2, blocks, n2, eroded, bits):
     """Drop from bits (words,), in place, the agent's cells from which something that can be reached is not in a set.
 
-    ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated.
+    bits : uint64. ends1, ends2 (most,) : the joints' cells that may be reached, the last one repeated.
     blocks (rows,), eroded (blocks, words) : the set's blocks, by number, and each block eroded for all that the agent
         may do.
     n2 : how many cells the second joint has.
@@ -129,8 +131,11 @@ def reaching(ends1, ends2, blocks, n2, eroded, bits):
 def check_steps(i1, i2, world, stored, bench, todo):
     """Drop from todo (entries, words), in place, what is proved of S_k^n: a clear input leads into S_{k+1}^{n-1}.
 
-    todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row of joint cells i1,
-        i2, which is that of `bench`. The flags of obstacles are believed here.
+    The flags that say which inputs clear the obstacles are believed here (`check_flags`).
+
+    i1, i2 : the row's joint cells. world : the `World`. stored : the file's `Stored`. bench : the row's `Bench`; its
+        scratch is overwritten.
+    todo : for each entry of the index the agent's cells, as bits, that are to be proved in the row.
     """
     steps, n2 = len(stored.allowed), world.q2.size - 1
     able, need = np.zeros_like(todo), np.empty_like(todo[0])
@@ -175,7 +180,8 @@ def check_rows(rows, world, stored, failed, example):
 
     failed, example (R, kinds), modified in place : how many claims of each kind are not proved, and one of these as a
         number. Kind 0 are the flags, numbered start * L + j; kind 1 + n are the cells that sets within n steps add,
-        numbered start * (the agent's cells) + cell.
+        numbered start * (the agent's cells) + cell. Both must be 0 at first.
+    world, stored : the `World`, and the file's `Stored`.
     """
     n2, cells = world.q2.size - 1, (world.x.size - 1) * (world.y.size - 1)
     for number in range(len(rows)):
@@ -197,8 +203,12 @@ def check_rows(rows, world, stored, failed, example):
 def clear_of_claims(row, j, ids, marks, world, bench, bits):
     """Write to bits (words,), in place, the agent's cells of a row from which u_j is claimed and the arm proved clear.
 
-    Claimed by the word of any start, and clear of the agent for the whole interval; obstacles are not looked at. row :
-    its number. ids, marks : as for `words_hold`. bench : the row's.
+    Claimed by the word of any start, and clear of the agent for the whole interval; obstacles are not looked at. bits :
+    uint64, overwritten.
+
+    row, j : the numbers of the row and of the input. ids (starts, rows, cells) : the number of each cell's word.
+    marks (4, words, L) : bool, the inputs that a word claims, of each kind.
+    world : the `World`. bench : the row's `Bench`; its scratch is overwritten.
     """
     bits[:] = NONE
     for start in range(len(ids)):
@@ -223,7 +233,9 @@ def words_hold(rows, ids, ahead, marks, world, stored, made, failed):
         the third.
     marks (4, words, L) bool : the inputs that a word claims, in four kinds: selected, safe, safe by all steps, and
         clear.
-    made, failed (R, 4), modified in place : how many claims of each kind there are, and how many are not proved.
+    world, stored : the `World`, and the file's `Stored`.
+    made, failed (R, 4), modified in place : how many claims of each kind there are, and how many are not proved, are
+        added.
     """
     n2, steps = world.q2.size - 1, len(stored.allowed)
     clear, able = np.empty_like(stored.pool[0]), np.empty_like(stored.pool[0])

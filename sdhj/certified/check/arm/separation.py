@@ -69,8 +69,10 @@ class World(NamedTuple):
 def moved(part, velocity, world, box):
     """Write to `box` all that can be reached from a part under a velocity (2,) of the joints, errors included.
 
-    In place. The middle of the box can be reached from the middle of the part. The comment above says what a part and a
-    box are.
+    In place. The middle of the box can be reached from the middle of the part.
+
+    part (BOUNDS,) : bounds of both joints, of the agent's coordinates, of tau and of the two pushes, a low and a high
+        one each. box : its first ten entries become bounds of joints, coordinates and tau likewise; others stay.
     """
     tau0, tau1 = part[8], part[9]
     for joint in range(2):
@@ -89,7 +91,7 @@ def moved(part, velocity, world, box):
 def pose_of(box, arm):
     """(ex, ey, fx, fy, d1, d2): elbow E and forearm F in the middle of a box, and half the widths of the joints.
 
-    arm (3,) : as in `World`.
+    box (>= 4,) : bounds of both joints. arm (3,) : `World.arm`, with the lengths of the links.
     """
     q1, q2 = (box[0] + box[1]) / 2, (box[2] + box[3]) / 2
     e, f, phi = arm[0], arm[1], arm[2] * q1 + q2
@@ -198,7 +200,9 @@ def copy(source, target):
 def halve(part, weights, first, second):
     """Cut a part in two across its widest pair of bounds, and write the halves to `first` and `second`.
 
-    The width of the k-th pair counts weights[k] times; pairs without a weight are never cut.
+    The width of the k-th pair counts weights[k] times; pairs without a weight are not cut.
+
+    part : pairs of a low and a high bound. first, second : of the same size, other arrays than `part`.
     """
     axis, widest = 0, 0.0
     for k in range(len(weights)):
@@ -214,8 +218,11 @@ def halve(part, weights, first, second):
 def link_clear(link, body, part, velocity, start, world, stack):
     """Whether it is proved that a link stays clear of a body, from anywhere in a part and at all its times.
 
-    link : 0 or 1. body : as for `body_of`. velocity (2,) : of the joints, the input. start : when the interval begins,
-        s. stack (STACK, BOUNDS) : overwritten. False, too, where more than `GRANTED` boxes would be needed.
+    False, too, where more than `GRANTED` boxes would be needed.
+
+    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent. part (BOUNDS,) : of
+        `moved`. velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
+    stack (STACK, BOUNDS) : overwritten.
     """
     l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
     fastest = (abs(velocity[0]) + world.push) * l1 + (abs(velocity[1]) + world.push) * l2 + agent * world.agent[0]
@@ -246,7 +253,10 @@ def link_clear(link, body, part, velocity, start, world, stack):
 def clear(bodies, part, velocity, start, world, stack):
     """Whether it is proved that both links stay clear of the bodies with numbers bodies[0] to bodies[1] - 1.
 
-    The other arguments are those of `link_clear`.
+    From anywhere in a part and at all its times. True without bodies.
+
+    part (BOUNDS,) : of `moved`. velocity (2,) : of the joints, the input. start : when the interval begins, s.
+    world : the `World`. stack (STACK, BOUNDS) : overwritten.
     """
     for body in range(bodies[0], bodies[1]):
         for link in range(2):  # check 4.17
@@ -259,8 +269,11 @@ def clear(bodies, part, velocity, start, world, stack):
 def tip_inside(part, t, world, stack):
     """Whether it is proved that the tip is inside the target at time t, s, for all states of a part.
 
-    The tip is off T + (linear terms) by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest at a corner
-    of a parallelogram, or of the agent's cell where the agent is the target. stack (STACK, BOUNDS) : overwritten.
+    The tip is off its middle plus linear terms by at most half of l1 d1^2 + l2 (d1 + d2)^2, and a distance is largest
+    at a corner of a parallelogram, or of the agent's cell where the agent, an evader, is the target. False, too, where
+    more than `GRANTED` boxes would be needed.
+
+    part (BOUNDS,) : of `moved`. world : the `World`. stack (STACK, BOUNDS) : overwritten.
     """
     moved(part, world.inputs[0], world, stack[0])  # by the error of states
     l1, l2, turn = world.arm[0], world.arm[1], world.arm[2]
@@ -308,10 +321,11 @@ class Bench(NamedTuple):
 def beyond(nx, ny, bound, grow, edges_x, low, high):
     """Tighten low and high (nx,), in place, so that the agent's cells above high[x] or below low[x] are beyond a link.
 
-    A cell of column x, grown by `grow` on each side, is then more than `bound` along n = (nx, ny). ny must not be 0;
-    however small it is, dividing by it is harmless: along n an error of the level counts only ny times. edges_x (nx +
-    1,) : of the columns.
+    A cell of column x, grown by `grow` on each side, is then more than `bound` along n = (nx, ny). ny must not be 0.
+
+    edges_x (columns + 1,) : the ends of the columns.
     """
+    # However small ny is, dividing by it is harmless: along n an error of the level counts only ny times.
     up = 1.0 if ny > 0.0 else -1.0
     base, slope = (bound + abs(nx) * grow) / ny + up * grow, nx / ny  # check 4.21
     shift = 0 if nx > 0.0 else 1  # the edge of the column that is behind  # check 4.20
@@ -329,7 +343,9 @@ def beyond(nx, ny, bound, grow, edges_x, low, high):
 def sweep(j, duration, world, bench, bits):
     """Drop from bits (words,), in place, the agent's cells that a few directions do not prove clear of the arm.
 
-    Under u_j, from time 0 to `duration`, s, in parts, for the joints' cells of the bench. bits : uint64.
+    Under u_j, from time 0 to `duration`, s, in world.parts[j] parts, for the joints' cells of the bench.
+
+    world : the `World`. bench : the row's `Bench`; its scratch is overwritten. bits : uint64.
     """
     box, parts, part = bench.stack[0], world.parts[j] if duration > 0.0 else 1, bench.part
     low, high, y, cells = bench.low, bench.high, world.y, world.y.size - 1
