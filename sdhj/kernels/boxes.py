@@ -50,7 +50,7 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 
     a + share (b - a) + bend times the limited second difference, a and b being the values left and right of the end.
 
-    taps (4,) : the nodes before, left, right and behind. weight (2,) : share and bend.
+    out (stop - start,). taps (4,) : the nodes before, left, right and behind. weight (2,) : share and bend.
     raised : out becomes the greater of that and what was in it.
     """
     m, a = values[taps[0], start:stop], values[taps[1], start:stop]
@@ -71,7 +71,8 @@ def _interpolate_end(out, values, taps, weight, start, stop, raised):
 def over_interval(out, values, start, stop, node, kind, leaves, raised):
     """Write to out the maximum of values[:, start:stop] over interval `kind` of `leaves` around a node, in place.
 
-    values : (n, B). raised : out becomes the greater of that and what was in it.
+    out (stop - start,). values (n, B). leaves : the `Leaves`, whose parent and which are not used. raised : bool; out
+        becomes the greater of that and what was in it.
     """
     taps, weight = leaves.taps[kind, node], leaves.weight[kind, node]
     _interpolate_end(out, values, taps[0], weight[0], start, stop, raised)
@@ -87,9 +88,9 @@ def over_interval(out, values, start, stop, node, kind, leaves, raised):
 def _maximum_of_short_rows(out, values, kind, leaves, raised):
     """Write to out (rows, nodes, B) the maximum of values (rows, n, B) over an interval around each node, in place.
 
-    kind : the number of the interval in `leaves`. All rows are done side by side, as each has few nodes. raised : out
-        becomes the greater of that and what was in it.
+    kind : the number of the interval in `leaves`. raised : out becomes the greater of that and what was in it.
     """
+    # All rows are done side by side, as each has few nodes.
     rows, nodes, after = out.shape
     width, last = rows * after, values.shape[1]
     turned, found = np.empty((last, width), out.dtype), np.empty(width, out.dtype)

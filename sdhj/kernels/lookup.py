@@ -34,10 +34,12 @@ from sdhj.kernels.tubes import (
 def _check_true_sets(rows, when, states, packs, ahead, table, space, out):
     """Do the look at the true sets for some states, and undo in `out` what they refute; False where one is undefined.
 
-    rows : the numbers of these in states (M, ndim). The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are
-        looked up for a state of which no input is safe any longer.
-    when, packs, ahead, out : as for `decide`. table : (stored_tubes, lattice). space : (scratch, samples, work), see
-        `samples_for`.
+    The sets are played as tapes. With `TRUE_SETS_TOO`, avoid tubes are looked up for a state of which no input is safe
+    any longer.
+
+    rows : the numbers of the states at hand in states (M, ndim). when, packs, ahead, out : the arguments of `decide`.
+    table : (stored_tubes, lattice), a `StoredTubes` and the grid's `Lattice`.
+    space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
     (step, within, _, _, checks), (ints, floats), (stored_tubes, lattice), (scratch, samples, work) = (
         when,
@@ -69,9 +71,10 @@ def _write_ahead(begin, rows, states, packs, ends, found, work):
     undefined.
 
     rows : the numbers of the states at hand. begin : how many were done before, the column of the first in `ends`.
-    packs, ends : as for `decide`.
-    found : near (4 + K, L, ndim, R), which may be `ends` if these are one for all; of it what makes hulls; at (R,
-        ndim), scratch; hulls (R, 2, ndim). work : of `work_for`.
+    packs, ends : of `decide`, (ints, floats) and ahead[0].
+    found : (near, boxes, at, hulls): near (4 + K, L, ndim, R), what inputs lead to, which may be `ends` if these are
+        one for all; boxes, the leading terms of it that make hulls; at (R, ndim), scratch; hulls (R, 2, ndim).
+    work : of `work_for`, overwritten.
     """
     (ints, floats), (near, boxes, at, hulls), ndim, most = packs, found, states.shape[1], 0
     played = length(ints, np.int64(AT_AHEAD + RESULTS))
@@ -98,7 +101,8 @@ def _write_ahead(begin, rows, states, packs, ends, found, work):
 def _answer(rows, states, when, packs, stored, ahead, space, out):
     """Write to `out` the answers for the states with numbers `rows`; returns False where formulas are undefined.
 
-    when, packs, stored, ahead, out : as for `decide`. space : (scratch, samples, work), see `samples_for`.
+    when, packs, stored, ahead, out : the arguments of `decide`; column r of ahead[0] is that of states[rows[r]].
+    space : (scratch, samples, work), overwritten, of `working_room`, `samples_for` and `work_for`.
     """
     (step, within, steps, game, checks), (ints, floats), (index, tubes, marks, static, moving) = when, packs, stored
     lattice, order = unpacked_lattice(ints, floats), part(ints, ints, AT_ORDER)

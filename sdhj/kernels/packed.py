@@ -80,14 +80,14 @@ def bits_between(word, start, stop):
 
 @kernel(inline="always")
 def set_bits(block, start, stop):
-    """Set the bits start to stop - 1 of a block (W,), in place."""
+    """Set the bits start to stop - 1 of a block (W,) uint64, in place; start < stop, both within the block."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         block[word] |= bits_between(word, start, stop)
 
 
 @kernel(inline="always")
 def has_bits(block, start, stop):
-    """Whether the bits start to stop - 1 of a block (W,) are all set."""
+    """Whether the bits start to stop - 1 of a block (W,) uint64 are all set; start < stop, both within the block."""
     for word in range(start >> 6, ((stop - 1) >> 6) + 1):
         if ~block[word] & bits_between(word, start, stop) != 0:
             return False
@@ -156,7 +156,8 @@ def erode_packed(cells, shifts, passes):
 
     cells (R, W) uint64 : modified in place.
     shifts (A, K) int64 : for each of A packed axes how many bits away the neighbours are that are needed; 0 is skipped.
-    passes (A, K, W) uint64 : the bits that do not need this neighbour, as it lies beyond a wall or their image.
+    passes (A, K, W) uint64 : the bits that do not need this neighbour, as it lies beyond a wall or their image. Beyond
+        the ends of a block bits count as not set.
     """
     rows, words = cells.shape
     for row in prange(rows):

@@ -71,7 +71,7 @@ def first_order(c, left, right):
 def second_order(c, left, right):
     """(dx p-, dx p+): the first differences, each corrected by half the smaller of the second differences at its nodes.
 
-    Arguments as for `first_order`.
+    c : phi_i. left, right : the three values to its left, and to its right, the nearest first; two of each are used.
     """
     half, (m1, m2, _), (p1, p2, _) = type(c)(0.5), left, right
     minus, plus = c - m1, p1 - c
@@ -84,7 +84,9 @@ def third_order(c, left, right):
     """(dx p-, dx p+): slopes of parabolas, corrected by a third difference (ENO, Osher & Shu 1991).
 
     The parabola is the one that bends less of two, through the node and two on one side or one on each. The correction
-    is by the smaller of two third differences. Arguments as for `first_order`.
+    is by the smaller of two third differences.
+
+    c : phi_i. left, right : the three values to its left, and to its right, the nearest first.
     """
     half, third, sixth = type(c)(0.5), type(c)(1 / 3), type(c)(1 / 6)
     (m1, m2, m3), (p1, p2, p3) = left, right
@@ -117,7 +119,9 @@ def godunov(minus, plus, low, high):
 def lax_friedrichs(minus, plus, low, high):
     """Lax-Friedrichs's numerical Hamiltonian of one axis: H((p- + p+) / 2) + max(|low|, |high|) (p+ - p-) / 2.
 
-    H(p) = max(low p, high p); the dissipation is just enough. Arguments as for `godunov`.
+    H(p) = max(low p, high p); the dissipation is just enough.
+
+    minus, plus : p- and p+. low, high : the least and the greatest velocity.
     """
     half = type(low)(0.5)
     mean = half * (minus + plus)
@@ -230,9 +234,9 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
 
     out = keep out + (1 - keep) (phi + dt H), H the sum of the axes' numerical Hamiltonians.
 
-    axes : of `_runs_of_axes`. box : the velocities. scheme : (order, flux), choices. step : (dt, keep). Indices are
-        unsigned: the compiler then need not wonder whether they are negative, and vectorises.
+    axes : of `_runs_of_axes`. box : the velocities. scheme : (order, flux), choices. step : (dt, keep).
     """
+    # Indices are unsigned: the compiler then need not wonder whether they are negative, and vectorises.
     dt, keep = step
     zero, rest = phi.dtype.type(0.0), phi.dtype.type(1.0) - keep
     for node in range(count):
@@ -247,8 +251,8 @@ def _advance_box(out, phi, here, count, axes, box, scheme, step):
 def _mean_and_dissipation(mean, rhs, phi, here, axis, box, order):
     """mean = (p- + p+) / 2 along one axis, and rhs += max(|low|, |high|) (p+ - p-) / 2, at the nodes from `here` on.
 
-    mean, rhs (count,) : written in place; the second is the Lax-Friedrichs dissipation. Other arguments as for
-        `_upwind`.
+    mean, rhs (count,) : written in place; what is added to rhs is the Lax-Friedrichs dissipation. phi : flat. axis :
+        the axis's entry of `_runs_of_axes`. box : the velocities, flat. order : a `choice` of differences.
     """
     half = phi.dtype.type(0.5)
     for node in range(mean.size):
@@ -293,8 +297,8 @@ def _advance_coupled(out, phi, here, count, axes, velocities, order, step):
     out = keep out + (1 - keep) (phi + dt (H + dissipation)), H = max over modes of p . drift + sum_d |p . gain_d| at
     the mean differences p. In several loops: there are too many velocities for the registers.
 
-    axes, step : as for `_advance_box`. order : a choice of differences. velocities : (box, inverse, drift, gain), as
-        for `stage`, of one input.
+    axes : of `_runs_of_axes`. step : (dt, keep). order : a choice of differences. velocities : (box, inverse, drift,
+        gain), as `stage` describes them, of one input.
     """
     (dt, keep), (box, _, drift, gain) = step, velocities
     rest, like = phi.dtype.type(1.0) - keep, phi[:count]

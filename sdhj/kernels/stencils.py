@@ -129,7 +129,11 @@ def row_of_box(box, cells):
 def image_inside(cell, low, high, safe, cells, index, pool, scratch):
     """Whether all cells from cell + low to cell + high are in a set, whose rows are the blocks pool[index].
 
-    True where the image is past a safe end. safe (2, ndim) : as in `Moves`. scratch (3, ndim) int64 : overwritten.
+    True where the image is past a safe end.
+
+    cell, low, high (ndim,) : the cell, and the first and the last cell of its image as offsets. safe (2, ndim) : the
+        safe ends, infinite where there are none. cells : the `Cells`. index (R,), pool (B, W) uint64 : the number of
+        each row's block, and the blocks. scratch (3, ndim) int64 : overwritten.
     """
     return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, scratch), cells, index, pool, scratch)
 
@@ -138,7 +142,8 @@ def image_inside(cell, low, high, safe, cells, index, pool, scratch):
 def rows_inside(total, cells, index, pool, scratch):
     """Whether all cells of a box with `total` rows are in a set, whose rows are the blocks pool[index].
 
-    scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
+    total : 0 for an image past a safe end, which is True. cells : the `Cells`. index (R,), pool (B, W) uint64 : the
+        number of each row's block, and the blocks. scratch (3, ndim) : the box, as `box_of_image` left it; overwritten.
     """
     last = cells.counts.size - 1
     whole, begin, end = cells.counts[last], scratch[0, last], scratch[0, last] + scratch[1, last]
@@ -186,8 +191,10 @@ def line_of_box(box, oblique):
 def move_inside(cell, j, place, moves, cells, index, pool, scratch):
     """Whether the image of a cell under move j, a box or lines, is in a set, whose rows are the blocks pool[index].
 
-    place : the number of the cell's place. moves : the `Moves`. scratch (3, ndim) int64 : overwritten. True where the
-        image is past a safe end.
+    True where the image is past a safe end.
+
+    cell (ndim,), place : the cell, and the number of its place. moves : the `Moves`. cells : the `Cells`. index (R,),
+        pool (B, W) uint64 : the number of each row's block, and the blocks. scratch (3, ndim) int64 : overwritten.
     """
     last = cell.size - 1
     total = box_of_image(cell, moves.low[j, place], moves.high[j, place], moves.safe, cells, cell.size, scratch)
@@ -244,11 +251,12 @@ def runs(block, begin, length):
 def images_inside(word, cell, place, moves, cells, extended, scratch, found):
     """Which of the 64 cells of word number `word` have their image under each move in a set: found (L,) uint64.
 
-    A bit for each cell, overwritten; returns the OR of all of `found`.
+    A bit for each cell, overwritten; those behind the last cell are of no meaning. Returns the OR of all of `found`.
 
     cell (ndim,), place : the indices of the row on all but the last axis, and the place of all these cells.
-    extended (R, margin + W + margin) : the rows of the set, with what comes before and behind them along the last axis,
-        in words.
+    moves : the `Moves`. cells : the `Cells`.
+    extended (R, margin + W + margin) uint64 : the rows of the set, with what comes before and behind them along the
+        last axis, in words.
     scratch (3, ndim) int64 : overwritten.
     """
     last, count, some = cell.size - 1, cells.counts[cell.size - 1], np.uint64(0)
@@ -286,6 +294,7 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
         all cells along the last axis are at one place, `following` may be extended as in `images_inside`.
     clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
     moves, groups : the `Moves`, which fall into `groups` groups of one length, one after the other.
+    cells : the `Cells`. keep : bool, whether cells are taken away instead of added.
     """
     index, ndim, (rows, words) = np.arange(len(inside)), cells.counts.size, inside.shape
     for i in prange(rows):
@@ -298,12 +307,17 @@ def grow(near, inside, following, clear, moves, groups, cells, keep):
 
 @kernel(**UNCOUNTED)
 def grow_row(row, sets, clear, moves, groups, cells, keep, scratch):
-    """`grow` for one row, number `row`.
+    """Add to one row of a set the cells that moves lead into another; for `keep`, keep only such cells. In place.
 
-    sets : (near (W,), inside (W,), index, pool), the row's words, `inside` modified in place, and `following` as for
-        `image_inside`.
-    scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended, else of length 0; overwritten. The other
-        arguments are those of `grow`.
+    What `grow` does, for row number `row`.
+
+    sets : (near (W,), inside (W,), index (R,), pool), the words of the row that are looked at, the row itself, modified
+        in place, and the other set by the number of each row's block, and the blocks.
+    clear (cells, bytes) uint8 : a bit for each clear move of each cell, for one group; (0, 0): all are clear.
+    moves, groups : the `Moves`, which fall into `groups` groups of one length; a cell needs a move of every group.
+    cells : the `Cells`. keep : bool.
+    scratch : (4, ndim) int64, and (L,) uint64 where `pool` is extended as in `images_inside`, else of length 0;
+        overwritten.
     """
     (near, inside, index, pool), (indices, images_in), begin, tried = sets, scratch, 0, 0
     last, each, some, cell = cells.counts[-1], moves.low.shape[0] // groups, ~np.uint64(0), indices[3]
@@ -368,7 +382,7 @@ def reached_words(rows, changed, far, cells, out, scratch, hit):
 
     rows (n,), changed (n, W) : the rows with changes, and their words, which are not 0 where cells have changed.
     far (inputs, 2, ndim) : the first and the last cell that each input leads to from any place, as offsets.
-    scratch (4, ndim - 1) int64, hit (W,) bool : overwritten.
+    cells : the `Cells`. scratch (4, ndim - 1) int64, hit (W,) bool : overwritten.
     """
     (cell, begin, number, at), last, words = (
         (scratch[0], scratch[1], scratch[2], scratch[3]),
@@ -424,7 +438,10 @@ def predecessors_along(first, last, far, count, periodic):
 def boxes_along(low, high, k, lattice):
     """(first, past): which of the lattice's boxes along its k-th axis [low, high] overlaps, one at least.
 
-    low, high : in the axis's unit. On a periodic axis the first is in the first of two laps.
+    On a periodic axis the first is in the first of two laps; on a bounded one what is past an end overlaps the box
+    there.
+
+    low, high : in the axis's unit; where high < low, the box at `low`. lattice : the `Boxes`.
     """
     size, pitch, length = lattice.sizes[k], lattice.pitch[k], lattice.length[k]
     begin, end = low - lattice.lower[k], high - lattice.lower[k]
@@ -512,10 +529,12 @@ def mark_collisions(clear, tubes, places, lattice, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_collisions_in_chunk(clear, tubes, places, lattice, bit, layout, chunk, scratch):
-    """`mark_collisions` for chunk number `chunk` of `CHUNKS`, with its arguments.
+    """Do what `mark_collisions` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
     Span 0 is the whole interval, the others are its parts: only cells whose tube meets something in span 0 are looked
-    up in each part. scratch : arrays that are overwritten.
+    up in each part.
+
+    scratch : the arrays that `mark_collisions` makes for a chunk, overwritten; the second one, `known`, is -1 at first.
     """
     (cell, known, along, hulls, corner, at, (left, met)), lines, sums = scratch, layout.offset.size, lattice.sums
     total = (places[1] - places[0]) * lines
@@ -564,7 +583,8 @@ def swept_boxes(number, span, tube, k, lattice, edges):
 def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
     """Write `swept_boxes` of the cells of a line, each times the step of the line's axis in the sums, to scratch.
 
-    begin : the line's first cell on its axis. span, tube, lattice : as for `swept_boxes`. layout : the `Placed`.
+    begin : the line's first cell on its axis. span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) :
+        how far the ends of the cells move in each part. lattice : the `Boxes`. layout : the `Placed`.
     scratch : along (2, length), the first box and the one behind the last, of each cell; hulls (2, segments), of each
         segment of `SEGMENT` cells.
     """
@@ -584,8 +604,9 @@ def boxes_of_a_line(begin, span, tube, lattice, layout, scratch):
 def corners_of_a_line(cell, span, tube, lattice, layout, scratch):
     """Write where in the sums the corners of `swept_boxes` of a cell (ndim,) are on all axes but a line's.
 
-    scratch : corner (2, 2^(d - 1)), the place of each, and its sign, 1 or -1; at (2, d) is overwritten. span, tube,
-        lattice : as for `swept_boxes`. layout : the `Placed`.
+    span : 0, the whole interval, or part span - 1. tube (parts, ndim, 2) : how far the cell's ends move in each part.
+    lattice : the `Boxes`. layout : the `Placed`.
+    scratch : corner (2, 2^(d - 1)), the place of each, and its sign, 1 or -1; at (2, d) is overwritten.
     """
     (corner, at), d = scratch, lattice.axes.size
     for k in range(d):
@@ -608,8 +629,8 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 
     Segments are looked up first; 0 is written in those that overlap no such box, or have nothing left.
 
-    left (length,) : not 0 for the cells that are still asked about. corner, along, hulls : as the functions above have
-        written them.
+    sums : one of `Boxes.sums`. corner : as `corners_of_a_line` wrote it. along, hulls : as `boxes_of_a_line` did.
+    left (length,) : not 0 for the cells that are still asked about.
     """
     for segment in range(hulls.shape[1]):
         begin, end, found = segment * SEGMENT, min((segment + 1) * SEGMENT, left.size), 0
@@ -628,7 +649,10 @@ def count_in_a_line(sums, corner, along, hulls, left, met):
 def mark_exits(clear, tubes, places, faces, bit, layout):
     """Clear a bit of clear (cells,) uint8, in place, for the cells from which a tube may leave by an unsafe end.
 
-    faces (2, ndim) : these ends, infinite for others. bit, tubes, places, layout : as for `mark_collisions`.
+    tubes (places, parts, ndim, 2) : how far the lower and the upper end of a cell at each place move in each part of
+        the interval.
+    places : (begin, end), the numbers of these places. faces (2, ndim) : these ends, infinite for others.
+    bit : a mask. layout : the cells in lines (`Placed`).
     """
     ndim = layout.counts.size
     for chunk in prange(CHUNKS):
@@ -638,7 +662,7 @@ def mark_exits(clear, tubes, places, faces, bit, layout):
 
 @kernel(**UNCOUNTED)
 def mark_exits_in_chunk(clear, tubes, places, faces, bit, layout, chunk, scratch):
-    """`mark_exits` for chunk number `chunk` of `CHUNKS`, with its arguments.
+    """Do what `mark_exits` does, whose arguments these are, for chunk number `chunk` of `CHUNKS` of the cells.
 
     scratch : a cell (ndim,) int64, and how far a cell's ends get (2, ndim), overwritten.
     """
@@ -686,6 +710,7 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
 
     The set is that with ahead[m] - 1 steps to go. No input is certified for ahead[m] = 0.
 
+    some (M, ndim), ahead (M,) : the cells, and the steps to go of each. cells : the `Cells`.
     out (M, L) bool : the inputs that are asked about.
     moves : the `Moves`. clear (cells, bytes) uint8 : a bit for each safe input.
     sets (n, R) : the numbers of the blocks in `pool` of the sets with 0, 1, ... steps to go, all later ones being the
@@ -707,11 +732,16 @@ def certified_inputs(some, ahead, cells, moves, clear, sets, pool, out):
 
 @kernel(nogil=True)
 def inputs_in_lines(some, ahead, cells, moves, along, sets, pool, out):
-    """`certified_inputs` of inputs known to be safe, for cells in lines along the axis `along`; in place.
+    """out[m, j] &= whether input j leads from the cell some[m] into its set, for cells in lines along an axis.
 
-    The axis is not the last one, no place depends on it, and it has no safe ends. From cell to cell of a line, an image
-    then goes on along this axis, and only what of it is new is looked at. out (M, L) bool. The other arguments are
-    those of `certified_inputs`.
+    In place: what `certified_inputs` says of inputs that are known to be safe. From cell to cell of a line, an image
+    goes on along the axis, and only what of it is new is looked at.
+
+    some (M, ndim), ahead (M,) : the cells, those of a line one after the other, and the steps to go of each, at least
+        1; the set is that with ahead[m] - 1 steps to go. cells : the `Cells`. moves : the `Moves`, which are boxes.
+    along : an axis, not the last one, that no place depends on, without safe ends.
+    sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ... steps to go, n >= 1, and the blocks.
+    out (M, L) bool : the inputs that are asked about.
     """
     ndim, begin, scratch = some.shape[1], 0, np.empty((3, some.shape[1]), np.int64)
     seen = np.empty((len(sets), 3), np.int64)
@@ -752,7 +782,8 @@ def same_line(cell, other, along):
 def slid_inside(asked, along, shape, cells, sets, pool, seen, out):
     """out[m] &= whether the image of cell m of one line along an axis (`along`), under one input, is in its set.
 
-    out (M,) bool. sets, pool : as for `certified_inputs`.
+    out (M,) bool. cells : the `Cells`. sets (n, R), pool (B, W) : the numbers of the blocks of the sets with 0, 1, ...
+    steps to go, and the blocks.
 
     asked : the indices on the axis of the line's cells (M,), their steps to go (M,), and the first and the last cell of
         an image there, as offsets.

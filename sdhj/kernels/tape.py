@@ -77,10 +77,12 @@ def pyramid(values: FloatArray) -> list[FloatArray]:
 def packed(*arrays: Packable) -> Tape:
     """Arrays one behind the other in two flat ones, a read-only `Tape`: whole numbers in `ints`, floats in `floats`.
 
-    Python hands over few arrays sooner than many. Before the whole numbers stands where each of the given arrays begins
-    and ends; `part` finds it. One that is given as a list of arrays is all of these together, which are copied once:
-    maps are large.
+    Before the whole numbers stands where each of the given arrays begins and ends; `part` finds it.
+
+    arrays : of float64, int or bool; a list of at least one array, all floats or none, counts as one array, of all of
+        them in that order.
     """
+    # Python hands over few arrays sooner than many. Lists are copied once: maps are large.
     where, ends = np.zeros((len(arrays), 2), np.int64), [2 * len(arrays), 0]
     parts: tuple[list[FloatArray], list[FloatArray]] = ([where.ravel()], [np.zeros(0)])
     for row, given in zip(where, arrays, strict=True):
@@ -114,7 +116,10 @@ def slots_of(ints, first):
 def _arithmetic(op, scratch, i, j, k, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from ADD to OR, op by its number.
 
-    scratch (rows, points) : written in place. NaN where a divisor is 0 or an operand NaN.
+    NaN where a divisor is 0 or an operand NaN. Of an operation with one operand j is not used, but for the square,
+    where it is i.
+
+    scratch (rows, points) : written in place, at the first `count` points.
     """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == ADD:
@@ -153,7 +158,9 @@ def _arithmetic(op, scratch, i, j, k, count):
 def _elementary(op, scratch, i, j, k, count):
     """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for the operations from POW to MOD, op by its number.
 
-    scratch (rows, points) : written in place. NaN outside a domain.
+    NaN outside a domain, or for NaN. Of an operation with one operand j is not used.
+
+    scratch (rows, points) : written in place, at the first `count` points.
     """
     a, b, out = scratch[i], scratch[j], scratch[k]
     if op == POW:
@@ -222,8 +229,9 @@ def _power(scratch, i, n, k, count):
 def _truths(op, scratch, i, j, k, last, count):
     """scratch[k] = op(scratch[i], scratch[j], scratch[last]) at `count` points, for the operations from SIGN to WHERE.
 
-    op by its number; truth values are 1 and 0. scratch (rows, points) : written in place. NaN where an operand is that
-    counts.
+    Truth values are 1 and 0. NaN where an operand that counts is NaN: of `where`, the one that is not chosen does not.
+
+    op : by its number; only `where` has three operands. scratch (rows, points) : written in place.
     """
     a, b, c, out = scratch[i], scratch[j], scratch[last], scratch[k]
     if op == SIGN:
@@ -251,9 +259,10 @@ def _truths(op, scratch, i, j, k, last, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _values(op, scratch, i, j, k, n, last, count):
-    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for any operation, op by its number; in place.
+    """scratch[k] = op(scratch[i], scratch[j]) at `count` points, for any operation from ADD on, op by its number.
 
-    n : the exponent of `power`. last : the row of the third operand of `where`.
+    n : the whole exponent of `power`, else not used. last : the row of the third operand of `where`, else not used.
+    scratch (rows, points) : written in place; k is no row of an operand.
     """
     if op < POWER:
         _arithmetic(op, scratch, i, j, k, count)
@@ -296,8 +305,8 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
     """out[m] = the multilinear interpolant of a table, clipped at its ends, at `count` points; NaN for NaN.
 
     lookup, places, tables : the table's rows, and the array, of `Tape`.
-    scratch, place : the coordinates are the rows place[slot] of scratch.
-    corners : two arrays that are overwritten, as of `work_for`.
+    scratch, place : the coordinates are the rows place[slot] of scratch, of the slots in `lookup`.
+    out : (at least `count`,), overwritten. corners : two arrays that are overwritten, (6,) and (64,), as of `work_for`.
     """
     position, corner = corners
     for m in range(count):
@@ -311,25 +320,27 @@ def _gridded(lookup, places, tables, scratch, place, out, count, corners):
 
 @kernel(nogil=True)
 def work_for(slots, points):
-    """New arrays to play tapes with so many slots at so many points at a time: (rows, place, corners).
+    """New arrays, not initialised, to play tapes at so many points at a time: (rows, place, corners).
 
-    rows (slots + 1, points), of numbers; place (slots,), which row each slot is; corners, two arrays for look-ups.
+    rows (slots + 1, points), of numbers; place (slots,), which row each slot is; corners, two arrays for look-ups. They
+    serve any tape with at most as many slots.
     """
     return np.empty((slots + 1, points)), np.empty(slots, np.int64), (np.empty(6), np.empty(64))
 
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def play_with_scratch(tape, points, parameters, out, start, stop, work):
-    """`play_part` for callers in compiled code: with the arrays `work` of `work_for`, which are overwritten.
+    """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], in place.
 
-    Writes the values at points start to stop of points (M, C) to out[:, start:stop]. Returns 0 where all of them are
-    finite, else NaN.
+    Returns 0 where all of these are finite, else NaN.
 
-    tape : (ints, floats, first), packed arrays and the number of the tape's code among them. parameters (P,).
-
-    A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
-    overwritten.
+    tape : (ints, floats, first), packed arrays and the number of the tape's code among them. parameters (P,) : those
+        that the tape reads. out (K, M) : for its K results.
+    work : arrays of `work_for`, overwritten, with room for the tape's slots and for min(BLOCK, stop - start) points,
+        which is not checked.
     """
+    # A result is written to a row that no slot has, which then becomes the row of its slot: operands are never
+    # overwritten.
     (ints, floats, first), (scratch, place, corners) = tape, work
     spare, total = slots_of(ints, np.int64(first)), 0.0
     for slot in range(spare):
@@ -365,11 +376,12 @@ def play_with_scratch(tape, points, parameters, out, start, stop, work):
 
 @kernel(nogil=True, error_model="numpy")
 def play_part(ints, floats, first, points, parameters, out, start, stop):
-    """Write the values of a tape at points start to stop of points (M, C) to out[:, start:stop], out (K, M).
+    """Write the values of a tape at the points start to stop - 1 of points (M, C) to out[:, start:stop], out (K, M).
 
     Returns 0 where all of them are finite, else NaN.
 
-    ints, floats : packed arrays. first : the number of the tape's code among them. parameters (P,).
+    ints, floats : packed arrays. first : the number of the tape's code among them. parameters (P,) : those that the
+        tape reads.
     """
     work = work_for(slots_of(ints, np.int64(first)), min(BLOCK, stop - start))
     return play_with_scratch((ints, floats, first), points, parameters, out, start, stop, work)
@@ -388,10 +400,12 @@ def play(tape: Tape, points: FloatArray, parameters: FloatArray, out: FloatArray
 
 
 def _share_out(part: Any, count: int, *arguments: Any) -> list[Any]:
-    """What `part(*arguments, start, stop)` returns for equal ranges of 0 to count, each in a thread: a list in order.
+    """What `part(*arguments, start, stop)` returns for nearly equal ranges of 0 to count, a list in order.
 
-    A parallel kernel in place of threads would compile everything once more.
+    As many ranges as Numba has threads, each in a thread; some are empty where `count` is less. part : a kernel that
+    runs without Python's lock.
     """
+    # A parallel kernel in place of threads would compile everything once more.
     threads = get_num_threads()
     ends = pairwise(count * i // threads for i in range(threads + 1))
     with ThreadPoolExecutor(threads) as pool:
@@ -437,7 +451,11 @@ def _at_ends(op, fact, scratch, i, j, k, n, count):
 def _outward(op, fact, scratch, i, j, k, n, count):
     """Make of the values in rows 2 k and 2 k + 1 of scratch, left by `_at_ends`, intervals that are rounded outward.
 
-    In place, with extremes that lie between the ends, as those of sin. The arguments are those of `_at_ends`.
+    In place, with extremes that lie between the ends, as those of sin; an end is NaN where the operation may be
+    undefined.
+
+    op : by its number. fact (COLUMNS,) : the operation's row of what is known. i, j : the operands' intervals are in
+        rows 2 i and 2 j and the next ones. n : the exponent of `power`. count : how many boxes.
     """
     a, b, out = scratch[2 * i : 2 * i + 2], scratch[2 * j : 2 * j + 2], scratch[2 * k : 2 * k + 2]
     if op == SIN or op == COS:
@@ -640,9 +658,12 @@ def _undefined_to_nan(scratch, i, j, k, count):
 
 @kernel(nogil=True, error_model="numpy")
 def play_bounds_part(tape, facts, low, high, ends, out, start, stop):
-    """`play_bounds`, with its arguments, for the boxes start to stop, written to out[:, :, start:stop].
+    """Write intervals of a tape over the boxes start to stop - 1 to out[:, :, start:stop], rounded outward.
 
-    tape : (ints, floats).
+    Both ends are finite, or both are NaN: then the tape may be undefined somewhere in the box.
+
+    tape : (ints, floats), of a tape alone. facts (operations, COLUMNS) : what is known of each operation.
+    low, high (M, C) : the boxes. ends (2, P) : the least and the greatest value of each parameter. out (2, K, M).
     """
     ints, floats = tape
     code, lookups = part(ints, ints, CODE).reshape(-1, 5), part(ints, ints, LOOKUPS).reshape(-1, 14)

@@ -1,8 +1,10 @@
 """The compiled look at the true sets (`notebooks/site/queries.md`), in rounds.
 
-`propose` writes the points at which they are evaluated for the input that comes next, and `judge` undoes what their
-values refute. Where the sets are formulas, `sdhj.kernels.lookup.decide` plays these and does all rounds in one call;
-what is a black box, Python evaluates between them.
+The queue holds the states that wait for an answer. For each of them `propose` writes the points at which the sets are
+evaluated for the input that comes next; `evaluate` fills in their values; and `judge` undoes what these refute, and
+gives the input its verdict, `PASSES` or `FAILS`. A state whose input has failed waits for another one. Where the sets
+are formulas, `sdhj.kernels.lookup.decide` plays these and does all rounds in one call; what is a black box, Python
+evaluates between them.
 """
 
 import numpy as np
@@ -14,7 +16,7 @@ from sdhj.kernels.tubes import AT_FACES, AT_TARGET, AT_UNDER, AT_UNSAFE, CHECK_T
 
 CHECKED_INSTANTS = 4  # instants of an interval at which the path without an adversary is looked at, its end among them
 UNKNOWN, PASSES, FAILS = range(3)  # an input, by the true sets
-# what `decide` does: by the tubes, by the true sets too, or by those alone
+# checks, what `lookup.decide` does: by the tubes, by the true sets too, or by the true sets alone
 TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 
 
@@ -22,11 +24,15 @@ TUBES, TRUE_SETS_TOO, TRUE_SETS_ONLY = range(3)
 def samples_for(states, inputs, count, ndim, sets):
     """New arrays for the look at the true sets of R states: (queue, verdicts, hazard, points, past, level, there).
 
-    Those of each state that waits stand one behind the other, in the order of the queue, `count` points each.
+    states : R. inputs : L. count : how many points are looked at for a state and an input: 1, or the instants of the
+    path, the state, and 2^ndim corners. sets : how many unsafe sets there are.
 
-    queue (3, R) : [0], the states that wait, as indices into rows; [1], for each state the best input by the tubes;
-        [2], the steps to go after the interval.
-    verdicts, hazard (R, L) : `UNKNOWN`, `PASSES` or `FAILS`, and the avoid tube, of each input.
+    In points, past, level and there, the `count` points of each state that waits stand one behind the other, in the
+    order of the queue.
+
+    queue (3, R) : [0], the states that wait, as indices into `rows` of the callers; [1], for each state the best input
+        by the tubes; [2], the steps to go after the interval.
+    verdicts, hazard (R, L) : `UNKNOWN`, `PASSES` or `FAILS`, and the interpolated avoid tube, of each input.
     points (R count, ndim + 1) : where the sets are evaluated, the time last.
     past (R count,) : 1 where nothing matters any longer, behind a safe end; -1 where the path is past an unsafe one;
         else 0.
@@ -46,8 +52,8 @@ def _farthest(ends, column, j, corner, axis, spacing, boxed):
 
     Distances are counted in cells of `spacing` (ndim,). boxed : as if each segment were the box around it.
 
-    ends, j, column : as for `decide`, the input, and the state's column. corner : a bit for each axis, the first one
-        highest; 1 is the upper side.
+    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. j : the input. corner : a bit
+        for each axis, the first one highest; 1 is the upper side.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -75,11 +81,13 @@ def _clip_and_wrap(x, axis, lattice, faces):
 def _place_corners(at, state, j, box, lattice, faces, samples):
     """Write the 2^ndim corners of the sum of a box and segments of input j around a state to points[at:].
 
-    And to past[at:] 1 where one is behind a safe end, else 0. The segments count as boxes where a wall may hold a state
-    (`is_held`). It is a function of its own, as otherwise all boxes would pay for it in `place_points`.
+    And to past[at:] 1 where a corner is behind a safe end, else 0. The segments count as boxes where a wall may hold a
+    state (`is_held`).
 
-    box : (ends, column). lattice, faces : as for `_clip_and_wrap`. samples : (points, past), in place.
+    box : (ends, column), of `lookup.decide`, and the state's column there. lattice, faces (6 ndim,) : between which
+        corners are clipped, as in `_clip_and_wrap`. samples : (points, past), in place.
     """
+    # A function of its own, as otherwise all boxes would pay for it in `place_points`.
     (ends, column), (points, past), ndim = box, samples, state.size
     boxed = is_held(state, ends, column, j, faces[4 * ndim :])
     for corner in range(1 << ndim):
@@ -94,12 +102,14 @@ def _place_corners(at, state, j, box, lattice, faces, samples):
 
 @kernel(**UNCOUNTED)
 def _place_cut_corners(at, state, j, box, normals, lattice, faces, samples):
-    """Write where planes cut the ways from the middle of input j's box around a state to its corners to points[at:].
+    """Write where planes first cut the lines from the middle of input j's box to its corners to points[at:].
 
-    Or a corner where no plane cuts the way; 2^ndim points. And to past[at:] 1 where one is behind a safe end, else 0.
+    2^ndim points; the corner itself where no plane cuts its line, or a wall may hold a state. And to past[at:] 1 where
+    a point is behind a safe end, else 0.
 
-    box : (ends, column). normals (K, ndim) : of the planes. lattice, faces : as for `_clip_and_wrap`.
-    samples : (points, past), in place.
+    box : (ends, column), of `lookup.decide`, and the state's column there. normals (K, ndim) : of the planes.
+    lattice, faces (6 ndim,) : between which points are clipped, as in `_clip_and_wrap`. samples : (points, past), in
+        place.
     """
     (ends, column), (points, past), ndim = box, samples, state.size
     planes = 0 if is_held(state, ends[:PATH], column, j, faces[4 * ndim :]) else normals.shape[0]
@@ -130,7 +140,11 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
     written where a point is behind a safe end of the lattice, and from then on along the path; -1 where the path is
     past an unsafe end; else 0.
 
-    box : (ends, column). normals : of planes, or None. look : (times, faces). samples : (points, past), in place.
+    With one time only the state is looked at.
+
+    box : (ends, column), of `lookup.decide`, and the state's column there. normals (K, ndim) : of planes, or None.
+    look : (times, faces), of the points, and between which they are clipped, as in `_clip_and_wrap`. samples : (points,
+        past), in place.
     """
     (ends, column), (times, faces), (points, past) = box, look, samples
     ndim, last, gone = state.size, CHECKED_INSTANTS if times.size > 1 else 0, False
@@ -160,13 +174,14 @@ def place_points(at, state, j, box, normals, lattice, look, samples):
 
 @kernel(**UNCOUNTED)
 def next_input(known, safe, scores, depth, hazard, first):
-    """The number of the input to look at next; if that has passed or failed already, it is the answer.
+    """The number of the input to look at next; if it has a verdict already, it is the answer.
 
     Of the safe inputs that have not failed that of least score, of equals that of least depth. Where there is none,
     `first`, the best by the tubes; where that has failed, of those that have not the one for which the larger of depth
     and hazard is least; else `first`. Nothing is written.
 
-    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe, scores, depth, hazard : (L,).
+    known (L,) : `UNKNOWN`, `PASSES` or `FAILS`. safe (L,) : bool. scores, depth, hazard (L,) : the preference, the
+        depth and the avoid tube of each input, less is better.
     """
     best, least = -1, np.inf
     for j in range(safe.size):
@@ -190,10 +205,12 @@ def propose(waiting, within, states, rows, packs, ahead, out, samples):
     Returns how many states still wait, which are first in the queue then; the answer of the others is final. After
     `propose`, `level` and `there` have to be filled (`evaluate`), and `judge` called, until no state waits.
 
-    waiting : how many wait; -1 at first: all wait that have steps to go. Where nothing is to be looked at (there are no
+    waiting : how many wait; -1 at first: all whose to_go is at least 0. Where nothing is to be looked at (there are no
         times), all inputs pass.
-    states (M, ndim), rows : all states, and the numbers of those at hand.
-    within, packs, ahead, out : as for `decide`. samples : what `samples_for` returns.
+    within : inputs are judged for as many steps to go, at least. states (M, ndim), rows (R,) : all states, and the
+        numbers of those at hand.
+    packs, ahead, out : (ints, floats), (ends, scores, normals) and (to_go, safe, margins, best, depths), as
+        `lookup.decide` describes them. samples : what `samples_for` returned, in place.
     """
     (to_go, safe, _, best, depths), (queue, verdicts, hazard, points, past, _, _) = out, samples
     (ints, floats), (ends, scores, normals) = packs, ahead
@@ -225,9 +242,9 @@ def heed_inputs(waiting, rows, count, under, best, samples):
     For the first `waiting` states in the queue. What such a set says of the state itself is said of the first point of
     the path in its place: the input fails, the state is not lost.
 
-    under (sets * L,) : for each set and input 1 or 0, or -1 where the set is unsafe under all; of length 0 if all sets
-        are.
-    count : the points of each state. best[rows[r]] : the input that is looked at.
+    rows (R,), best (M,) : the numbers of the states at hand, and for each state the input that is looked at.
+    count : how many points each state has. under (sets * L,) : for each set and input 1 or 0, or -1 where the set is
+        unsafe under all; of length 0 if all sets are. samples : what `samples_for` returned, filled by `evaluate`.
     """
     (queue, verdicts, _, _, past, level, _), last = samples, CHECKED_INSTANTS if count > 1 else 0
     inputs = verdicts.shape[1]
@@ -246,11 +263,20 @@ def heed_inputs(waiting, rows, count, under, best, samples):
 def judge(waiting, rows, checks, count, out, samples):
     """Undo in `out` what the values in `samples` refute of the first `waiting` states in the queue; note verdicts.
 
-    Returns how many wait for another input; these are first in the queue then. A state in an unsafe set is not
-    admissible (with checks `TRUE_SETS_ONLY` just its steps to go say so); one that is not in the target has one step to
-    go where it had none. An input that fails is not safe.
+    Judged is, for state m, the input best[m], by the points that `propose` has written and the values that `evaluate`
+    has filled in. It fails, and is not safe then, if a point but the state itself is past an unsafe end or in an unsafe
+    set or, with no steps to go after the interval, a corner is not in the target; what is behind a safe end is fine. A
+    state in an unsafe set is lost: to_go is -1. One that is not in the target but had no steps to go has one then; with
+    count = 1 it is lost, as there is no interval left.
 
-    rows, out : as for `decide`. count : the points of each state.
+    Returns how many wait for another input, because the one that was judged has failed; these are first in the queue
+    then. A lost state waits for none, but with `TRUE_SETS_ONLY`.
+
+    waiting : how many states wait. rows (R,) : the numbers of the states at hand. checks : `TRUE_SETS_TOO`, or
+        `TRUE_SETS_ONLY`: then of a lost state only to_go says so, and safe, margins, best and depths are not reset.
+    count : how many points each state has, 1 for the state alone.
+    out : (to_go, safe, margins, best, depths), as of `lookup.decide`, in place. samples : what `samples_for` returned;
+        verdicts and queue are written.
     """
     (to_go, safe, margins, best, depths), (queue, verdicts, _, _, past, level, there) = out, samples
     last, some = CHECKED_INSTANTS if count > 1 else 0, 0
@@ -284,9 +310,14 @@ def evaluate(waiting, rows, packs, times, out, samples, work):
     """Play the unsafe sets, and the target where it matters, at the points of the first `waiting` states in the queue.
 
     Writes their values to `level` and `there` of `samples`, with what `heed_inputs` undoes; returns whether all are
-    finite. times : of the points. work : of `work_for`. rows, packs, out : as for `propose`. The type of a constant is
-    the constant, and all that is played would be compiled for it anew: hence `np.int64`.
+    finite. If not, not all are written.
+
+    waiting : how many states wait. rows (R,) : the numbers of the states at hand. packs, out : (ints, floats) and
+        (to_go, safe, margins, best, depths), as `lookup.decide` describes them. times (count,) : of the points of a
+        state. samples : what `samples_for` returned, with the points of `propose`. work : of `tape.work_for`, with room
+        for both tapes.
     """
+    # The type of a constant is the constant, and all that is played would be compiled for it anew: hence `np.int64`.
     (ints, floats), (queue, _, _, points, _, level, there), to_go = packs, samples, out[0]
     count, last = times.size, CHECKED_INSTANTS if times.size > 1 else 0
     unsafe, target = (ints, floats, np.int64(AT_UNSAFE)), (ints, floats, np.int64(AT_TARGET))

@@ -91,7 +91,8 @@ class LookupScratch(NamedTuple):
 def _fewest_steps(stored_tubes, first, most, index, weight, count):
     """The fewest n in 0..most whose interpolated tube, entry first + n of `stored_tubes`, is <= 0; -1 for none.
 
-    By bisection, as tubes grow with n. index, weight, count : the nodes around the state, of `corners`.
+    By bisection, as tubes grow with n. first : an index into `stored_tubes.index`. index, weight, count : the nodes
+    around the state, of `interpolation.corners`.
     """
     if not (weighted(stored_tubes.tubes, stored_tubes.index[first + most], index, weight, count) <= 0.0):
         return -1
@@ -109,7 +110,7 @@ def _fewest_steps(stored_tubes, first, most, index, weight, count):
 def _marked_by_all(marks, place, index, count, marked):
     """marked[j] = whether each of `count` nodes around a state marks u_j in a tube; marked (L,), in place.
 
-    index : these nodes. marks[place] : the tube's marks.
+    index : the flat numbers of these nodes. marks[place] (bytes, size) uint8 : the tube's marks, a bit for each input.
     """
     for byte in range(marks.shape[1]):
         bits = np.uint8(255)
@@ -123,7 +124,8 @@ def _marked_by_all(marks, place, index, count, marked):
 def _gather(values, state, column, order, lattice, scratch):
     """Copy values (size,) at the nodes that the box hull[column] around a state touches to scratch.values[rest[0]:].
 
-    The axis order[0] is slowest. Sets begin, rest and offsets of `scratch` as well. lattice : the grid.
+    The axis order[0] is slowest. Sets begin, rest and offsets of the `LookupScratch` as well, whose arrays must have
+    room for all of these nodes (`hull_of`). lattice : the grid.
     """
     offsets, rest = scratch.offsets, scratch.rest
     offsets[0], rest[state.size] = 0, 1
@@ -168,7 +170,7 @@ def _maximum_along_axis(values, source, nodes, rest, near, far):
 def _spread(ends, column, j, axis):
     """How far the segments of input j together lead along an axis to either side: sum of |half|, 0 without any.
 
-    ends, column : as for `decide`, and the state's column in them.
+    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there.
     """
     far = 0.0
     for k in range(PATH, ends.shape[0]):
@@ -181,9 +183,9 @@ def is_held(state, ends, column, j, held):
     """Whether input j may lead past a wall: then a state may end outside the sum of its segments, or its planes.
 
     held (2 ndim,) : the lower walls, then the upper ones, infinite where there are none.
-    ends : as for `decide`; for planes its first `PATH` terms, the box, alone. With segments, axes along which none
-        leads do not count.
-    column : the state's in `ends`.
+    ends : of `lookup.decide`, what inputs lead to; for planes its first `PATH` terms, the box, alone. With segments,
+        axes along which none of them leads do not count.
+    column : the state's in `ends`. j : the input.
     """
     for axis in range(state.size):
         far = _spread(ends, column, j, axis)
@@ -198,8 +200,9 @@ def _count_points(state, ends, column, lattice, scratch):
     """Write to scratch.moved[2:] how many points of each segment of each input are looked at, 0 where its box is taken.
 
     Returns the most points that the sum of one input's segments has. Points are no farther apart than half a cell of
-    the lattice. The box is taken where there would be more than `MOST_POINTS`, or a wall may hold a state. ends, column
-    : as for `decide`, and the state's column in them.
+    the lattice. The box is taken where there would be more than `MOST_POINTS`, or a wall may hold a state.
+
+    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. scratch : a `LookupScratch`.
     """
     most, checks = 1.0, scratch.moved[2:]
     for j in range(ends.shape[1]):
@@ -220,8 +223,10 @@ def _count_points(state, ends, column, lattice, scratch):
 def _write_boxes_at_point(point, ends, column, scratch):
     """Write to scratch.moved[:2] the boxes of all inputs around point number `point` of the sum of their segments.
 
-    Where its box is taken (`_count_points`), around the whole of an input's segments. ends, column : as for `decide`,
-    and the state's column in them.
+    Where an input's box is taken, as `_count_points` has written to `scratch`, around the whole of its segments.
+
+    point : from 0 on; an input with fewer points is looked at again at earlier ones. ends, column : of `lookup.decide`,
+        what inputs lead to, and the state's column there.
     """
     for j in range(ends.shape[1]):
         for axis in range(ends.shape[2]):
@@ -246,7 +251,8 @@ def _count_slabs(state, ends, normals, column, lattice, scratch):
     0 where its box is taken. Returns (last, most): the last axis that a plane is not parallel to, along which there is
     one slab, and the most slabs of an input. Slabs are a quarter of a cell of the lattice thick.
 
-    ends, column : as for `decide`, and the state's column in them. normals (K, ndim).
+    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there. normals (K, ndim) : of the
+        planes. scratch : a `LookupScratch`.
     """
     most, cuts, last = 1.0, scratch.moved[2], 0
     for k in range(normals.shape[0]):
@@ -272,7 +278,8 @@ def _write_boxes_at_slab(slab, last, ends, normals, column, lattice, moved):
 
     Where nothing lies in the slab, the middle of the box, which is always between the planes.
 
-    last, moved[2] : of `_count_slabs`. ends, normals, column, lattice : as there.
+    last, moved[2] : as `_count_slabs` returned and wrote them. ends, column : of `lookup.decide`, what inputs lead to,
+        and the state's column there. normals (K, ndim) : of the planes. lattice : the grid.
     """
     for j in range(ends.shape[1]):
         left, planes, empty = slab, normals.shape[0] if moved[2, j, last, 0] > 0.0 else 0, False
@@ -310,9 +317,12 @@ def _worst_values(values, state, box, normals, space, out):
     looked at, or what lies between planes, cut into slabs; the box around these where a wall may hold a state, or there
     are too many.
 
-    box : (ends, column), as for `decide`, and the state's column in them. space : (order, lattice, scratch). What is
-        for planes alone is not compiled where normals is None.
+    box : (ends, column), of `lookup.decide`, what inputs lead to, and the state's column there.
+    normals (K, ndim) : of the planes; None where states are not between planes.
+    space : (order, lattice, scratch): in which order maxima are taken along the axes, the grid, and a `LookupScratch`
+        whose hull holds all boxes. out (L,) : overwritten.
     """
+    # What is for planes alone is not compiled where normals is None.
     (ends, column), (order, lattice, scratch) = box, space
     _gather(values, state, column, order, lattice, scratch)
     out[:] = -np.inf
@@ -338,7 +348,9 @@ def _raise_to_worst_in_boxes(state, ends, column, order, lattice, scratch, out):
     safe side. +inf for a box that goes past an unsafe end of the lattice; nothing is raised for one that is past a safe
     end as a whole.
 
-    ends, column : boxes as for `decide`, and the state's column in them. scratch : left by `_gather`.
+    ends[:2], column : the boxes, lower and upper corners (L, ndim, columns) relative to the state, and the state's
+        column there. order : the axes, as for `_gather`. scratch : as `_gather` left it; `values` is overwritten. out
+        (L,).
     """
     low, high, rest = ends[0, :, :, column], ends[1, :, :, column], scratch.rest
     for j in range(out.size):
@@ -365,7 +377,9 @@ def _depths(stored_tubes, state, box, normals, space, out):
     Where the adversary can bring the state back to a ridge of the value in every interval, all that leads off the ridge
     has a worse largest value than what stays on it, although each step along it is lost. The centre tells them apart.
 
-    box, normals, space : as for `_worst_values`.
+    box : (ends, column), of `lookup.decide`, what inputs lead to, and the state's column there. normals : of planes, or
+        None. space : (order, lattice, scratch), the order in which maxima are taken along the axes, the grid, and a
+        `LookupScratch`. out (L,) : overwritten.
     """
     (ends, column), (_, lattice, scratch) = box, space
     _worst_values(stored_tubes.tubes[stored_tubes.game], state, box, normals, space, out)
@@ -399,7 +413,8 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
     An input is safe by marks and margins; where none is, by margins and the interpolated avoid tubes. The best is the
     safe one of least depth; where none is safe, the one whose larger of depth and avoid tube is least, among those that
     are marked if any is. See `notebooks/site/queries.md`.
-    margin, depth (L,). scratch.marked : of `_marked_by_all`.
+
+    margin, depth (L,) : of each input. scratch : a `LookupScratch`, with `marked` as `_marked_by_all` wrote it.
     """
     best = -1
     for j in range(safe.size):  # the interpolated avoid tube of a marked input is <= 0 too
@@ -427,10 +442,12 @@ def _safe_and_best(stored_tubes, step, state, lattice, scratch, margin, safe, de
 
 @kernel(**UNCOUNTED)
 def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
-    """Write to `out`, as for `decide`, the answers for the state states[m] by the tubes alone, not by the true sets.
+    """Write to entry m of `out` the answers for the state states[m] by the tubes alone, not by the true sets.
 
-    when : (step, within). box : (ends, column), as for `decide`, and the state's column in them. normals : as for
-        `decide`. space : (order, lattice, scratch), whose hull holds the boxes.
+    when : (step, within), within at least 1. box : (ends, column), of `lookup.decide`, what inputs lead to, and the
+        state's column there. normals : of planes, or None.
+    space : (order, lattice, scratch), the order in which maxima are taken along the axes, the grid, and a
+        `LookupScratch` whose hull holds the boxes. out : (to_go, safe, margins, best, depths), as of `lookup.decide`.
     """
     (_, lattice, scratch), (to_go, safe, margins, best, depths), (step, within) = space, out, when
     state, steps, index, weight = states[m], stored_tubes.steps, scratch.index[0], scratch.weight[0]
@@ -457,11 +474,12 @@ def by_tubes(m, states, when, stored_tubes, box, normals, space, out):
 
 @kernel(**UNCOUNTED)
 def hull_of(ends, column, spacing, hull):
-    """Write to hull (2, ndim) the box that holds those of all inputs, segments included; how many nodes it touches.
+    """Write to hull (2, ndim) the box that holds those of all inputs, segments included.
 
-    At most so many are returned, with one more on each axis.
+    Returns an upper bound on how many nodes it touches, with one more on each axis.
 
-    ends, column : as for `decide`, and the state's column in them. spacing (ndim,) : of the nodes.
+    ends, column : of `lookup.decide`, what inputs lead to, and the state's column there; for planes its first `PATH`
+        terms alone. spacing (ndim,) : of the nodes.
     """
     size = 1.0
     for axis in range(ends.shape[2]):
@@ -517,8 +535,8 @@ def avoid_values(states, step, ints, floats, static, moving, out):
 
     Beyond an end of the grid, that at the end.
 
-    states (M, ndim) : finite. ints, floats : as `decide` has them in packs. static, moving : as in `StoredTubes`. out
-        (M, L) : overwritten.
+    states (M, ndim) : finite. ints, floats : what is `packed` of the problem at this step. static, moving : as in
+        `StoredTubes`. out (M, L) : overwritten.
     """
     axes, lattice = (part(ints, ints, AT_STATIC), part(ints, ints, AT_MOVING)), unpacked_lattice(ints, floats)
     nothing = axes[0], static, static  # in place of index, tubes and marks, which nobody reads here

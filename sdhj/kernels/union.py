@@ -131,10 +131,10 @@ def _join(tube, marks, reach_sets, levels):
 
 @kernel(**UNCOUNTED)
 def _add_to_row(tube, marks, reach_sets, which, avoid_rows, before, row, scratch):
-    """`add_inputs` for one row, number `row`, and the inputs from which[0] to which[1] - 1.
+    """Do what `add_inputs` does, whose arguments these are, for row number `row` and some inputs, in place.
 
-    scratch : eight rows (8, B + PAST) and eight levels (8,), overwritten. The other arguments are those of
-        `add_inputs`.
+    which : (first, end), the inputs from first to end - 1; reach_sets are of the inputs from first on.
+    scratch : eight rows (8, B + PAST) and eight levels (8,), overwritten.
     """
     (found, levels), (first, end), size = scratch, which, tube.shape[1]
     for i in range(size):

@@ -13,9 +13,12 @@ from sdhj.kernels.packed import BIT, bits_between, has_bit, set_bits, shifted_wo
 
 @kernel(parallel=True)
 def united_along(boxes, first, last, fine, periodic, out):
-    """out[a, i] = OR of boxes[a, fine i + first : fine i + last + 1], clipped at the ends of a bounded axis.
+    """out[a, i] = OR of boxes[a, b] over the boxes b from fine i + first to fine i + last of an axis, both included.
 
-    boxes (A, fine n, B), out (A, n, B) uint64.
+    On a periodic axis b is taken modulo fine n; on a bounded one, clipped at its ends.
+
+    boxes (A, fine n, B), out (A, n, B) : uint64, `out` overwritten. first <= last : of cell 0, may be
+        negative. fine : how many boxes make a cell. periodic : bool.
     """
     (outer, count, inner), size = out.shape, boxes.shape[1]
     for task in prange(outer * count):
@@ -29,9 +32,12 @@ def united_along(boxes, first, last, fine, periodic, out):
 
 @kernel(parallel=True)
 def united_in_words(planes, first, last, out):
-    """Bit i of out[a] = OR of bits i + (box // fine) of planes[a, box % fine], first <= box <= last.
+    """Bit i of out[a] = OR of bits i + (box // fine) of planes[a, box % fine] over first <= box <= last.
 
-    planes (A, fine, margin + W + margin), out (A, W) uint64: a box is bit i of plane m where it is fine i + m.
+    So `united_along` along the packed axis: box fine i + m of it is bit i of plane m.
+
+    planes (A, fine, margin + W + margin), out (A, W) : uint64, `out` overwritten; `with_beyond` has written what is in
+        the margins, which hold all bits that are asked for. first, last : of cell 0.
     """
     (rows, fine, more), words = planes.shape, out.shape[1]
     start = 32 * (more - words)  # half of what is more is before
@@ -45,10 +51,11 @@ def united_in_words(planes, first, last, out):
 
 @kernel(parallel=True)
 def mark_met(clear, begin, offset, met, count):
-    """Clear bit j % 8 of byte j // 8 of the cells in whose words met[j] has a bit.
+    """Clear the bits of inputs under which cells are met: bit j % 8 of byte j // 8, where met[j] has the cell's bit.
 
-    clear (cells, bytes) uint8, modified in place; met (L, rows, W) uint64; begin (rows,) : the number of the first cell
-    of a row, to which offset (n,) are added, for cells that are met alike; count : cells of a row.
+    clear (cells, bytes) : uint8, modified in place. met (L, rows, W) : uint64, a bit for each cell of a row.
+    begin (rows,) : the number of the first cell of each row. offset (n,) : added to it and to the bit, for each of n
+        copies of the row whose cells are met alike. count : how many cells a row has.
     """
     inputs, rows, words = met.shape
     for row in prange(rows):
@@ -69,10 +76,10 @@ def mark_met(clear, begin, offset, met, count):
 
 @kernel(parallel=True)
 def add_led(missing, clear, inputs, wanted, led, count):
-    """Set the bits of wanted cells that have none in `missing` and from which one of some inputs is clear.
+    """Set in `led` the bits of the wanted cells that are not in `missing` and from which one of some inputs is clear.
 
-    missing, wanted, led (rows, W) uint64, `led` modified in place; clear (cells, bytes) uint8; inputs (n,); count :
-    cells of a row.
+    missing, wanted, led (rows, W) : uint64, a bit for each cell of a row; `led` is modified in place. clear (cells,
+        bytes) : uint8, a bit for each clear input. inputs (n,) : their numbers. count : how many cells a row has.
     """
     rows, words = led.shape
     for row in prange(rows):
@@ -90,10 +97,12 @@ def add_led(missing, clear, inputs, wanted, led, count):
 
 @kernel(parallel=True)
 def with_beyond(planes, count, far, periodic, out):
-    """Planes (A, fine, W) with what is so `far`, in bits, before and behind their `count` bits: out (A, fine, more).
+    """Write planes to `out` with the bits up to `far` before and behind their `count` bits.
 
-    That is the next lap of a periodic axis, and of a bounded one the box at its end. `out` is overwritten; half of its
-    words that are more are before.
+    These are of the next lap on a periodic axis; on a bounded one, the box at its end, repeated.
+
+    planes (A, fine, W) : uint64; box fine i + m of the axis is bit i of plane m. out (A, fine, margin + W + margin) :
+        uint64, overwritten; `far` is at most as many bits as the margin has, which is not checked.
     """
     rows, fine, words = planes.shape
     margin = 32 * (out.shape[2] - words)

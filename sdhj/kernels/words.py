@@ -28,7 +28,7 @@ def number_of(cell, counts):
 def slot_of(number, keys):
     """The index in keys (K,) at which the word of a cell with this number is kept, or is to be kept: then it is `FREE`.
 
-    K is a power of two, and some keys are `FREE`.
+    K must be a power of two, and one key at least `FREE`: else the search may not end.
     """
     slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(32)) & (keys.size - 1)
     while keys[slot] != number and keys[slot] != FREE:
@@ -82,7 +82,8 @@ def look_up(states, cells, slack, kept, within, most, out, missing):
 def keep(numbers, some, keys, words):
     """Keep the words some (n, ...) of the cells with flat numbers (n,) in keys and words, in place.
 
-    Returns how many of these are new; for these there has to be room.
+    Returns how many of these are new. At least one key more than these must be `FREE` (`slot_of`), which is not
+    checked.
     """
     new = 0
     for i in range(numbers.size):
@@ -137,7 +138,7 @@ def number_records(records, known, used, slots, out):
     have been added.
 
     known (most, bytes) : of which the first `used` rows count.
-    slots (K,) int64 : a hash table of these numbers, -1 where there is none, K a power of two; in place.
+    slots (K,) int64 : a hash table of these numbers, -1 where there is none, K a power of two above `most`; in place.
     """
     for i in range(records.shape[0]):
         if i > 0 and np.array_equal(records[i], records[i - 1]):  # as neighbours mostly are
@@ -165,7 +166,8 @@ def pack_block(numbers, width, seen, out):
     In order: how many bits an entry has, a byte; the palette's length, two bytes; the palette, the different numbers in
     the order in which they come, `width` bytes each; and for each cell an entry, its number's place in the palette.
 
-    seen (words,) int64 : scratch, -1 everywhere, as it is again in the end.
+    numbers : from 0 to words - 1, at most 65535 different ones. out (bytes,) uint8 : with room for all of this, which
+        is not checked. seen (words,) int64 : scratch, -1 everywhere, as it is again in the end.
     """
     colours = 0
     for number in numbers:

@@ -147,7 +147,8 @@ def steps_blocked(cell, disks, arm, scratch, wanted):
     The interval is halved where this stays open. Where already the arm at the middle instant may meet a disk that is
     there, halving would not help.
 
-    cell (2, 4) : as for `joints_during`. disks : `Disks`. arm (3,) : see `link_points`. scratch : a `LinkScratch`.
+    cell (2, 4) : for each joint its least and greatest angle, rad, and its least and greatest velocity.
+    disks : `Disks`. arm (3,) : see `links.link_points`. scratch : a `LinkScratch`, overwritten.
     wanted (depth + 1,) uint64 : overwritten with the steps that each level has to decide.
     """
     blocked, deep, here = np.uint64(0), 0, 0
@@ -261,10 +262,11 @@ def image_certified(cell, j, motion, cells, index, pool):
 def pursuer_meets(cell, j, motion, scratch, block):
     """Whether the pursuer of a cell (4,) may touch the arm under input j: `pursuer_clear`'s question for one cell.
 
-    Half the margin of `pursuer_clear` is enough here: so a difference in rounding between the two never takes from a
-    certified cell the input that it was certified with. motion : an `ArmMotion`. scratch, block : a `LinkScratch` and
-    (W,) uint64, overwritten.
+    Tested with half the margin of `pursuer_clear`.
+
+    motion : an `ArmMotion`. scratch, block : a `LinkScratch` and (W,) uint64, overwritten.
     """
+    # So a difference in rounding between the two never takes from a certified cell the input it was certified with.
     agent, parts, rows = motion.agent, motion.parts[j], (cell[2], cell[2] + 1)
     bit = cell[2] * agent.ny + cell[3]
     left, low = agent.x + cell[2] * agent.width_x, agent.y + cell[3] * agent.width_y
@@ -293,8 +295,12 @@ def arm_inputs(some, ahead, step, cells, motion, sets, pool, out):
     Under it the arm stays clear of the disks and the pursuer and leads into the set with a step less, in the interval
     from `step`.
 
-    out : (M, L) bool, the inputs that are asked about. sets, pool : as for `certified_inputs`. cells : `Cells`.
-    motion : an `ArmMotion`.
+    No input is certified for ahead[m] = 0.
+
+    some (M, 4), ahead (M,) : the cells, and the steps to go of each. step : the number of the interval, an index into
+        motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
+    sets (n, R), pool (B, W) uint64 : the numbers of the blocks of the sets with 0, 1, ... steps to go, all later ones
+        being the last, and the blocks. out (M, L) bool : the inputs that are asked about.
     """
     scratch = links.allocate_scratch()
     block = np.empty((motion.agent.nx * motion.agent.ny + 63) // 64, np.uint64)
