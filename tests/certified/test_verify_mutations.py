@@ -119,7 +119,7 @@ MUTATIONS = {
     "blocks of a table": ("6.38 turn 7", TABLES),
     "boxes as wide as tubes are looked up": ("4.51 zero 11", BOXES),
     "the last box of a block": ("4.54 zero 7", BOXES),
-    "boxes that are wider": ("4.55 zero 7; zero 11", BOXES),
+    "boxes that are wider": ("4.55 zero 7; zero 13", BOXES),
     "boxes of a second lap": ("4.56 drop 16", BOXES),
     "a whole lap": ("4.57 copy 8 13", BOXES),
     "every function of a set": ("4.53 drop", "test_boxes_that_may_meet"),
