@@ -319,9 +319,7 @@ def pursued(*, height=-0.5, forbids=None, end="unsafe"):
         inputs=forbids,
     )
     inputs = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    grid = sdhj.Grid(
-        [-1.0, -2.0, -1.5], [1.0, 2.0, 1.5], [9, 9, 9], [False, True, False], ends=["wall", "wall", end]
-    )
+    grid = sdhj.Grid([-1.0, -2.0, -1.5], [1.0, 2.0, 1.5], [9, 9, 9], [False, True, False], ends=["wall", "wall", end])
     return sdhj.ReachAvoidProblem(
         grid,
         sdhj.Dynamics(inputs[:, 1:], inputs, np.eye(3), [0.4, 0.1, 0.1]),
