@@ -157,7 +157,7 @@ def test_cells_fit_the_rate(delta):
 def test_cells_are_taken_that_a_pursuer_does_not_leave():
     """It moves by .12 m in a step. On 33 cells of .121 m that is a cell, on 34 of .118 m two, on 7 a cell of .57 m."""
     problem = large.car(25)
-    speeds, few = speeds_of(problem), (104, 104, 48, 8, 8)  # as dear: as many as the widths alone ask for
+    speeds, few = speeds_of(problem), (144, 144, 64, 8, 8)  # as dear: as many as the widths alone ask for
 
     def lost(cells):
         own = zip(losses(problem, speeds).T, aligned(problem, cells), strict=True)
