@@ -485,9 +485,9 @@ class GeneralProof(Images):
         axes : those of an unsafe set, or with an unsafe end. mark(bits, layout) : clears bits of `bits` (cells,) uint8,
         in place, looking at the cells of the `Placed`; what it returns is not used.
 
-        Cells are alike if they differ only on axes that are not in `axes` and no image depends on, and no end is safe: what is
-        cleared for one is cleared for all. The cells that are looked at come in lines along the last of `axes` on which
-        cells at one place differ.
+        Cells are alike if they differ only on axes that are neither in `axes` nor those of a place, and no end is safe:
+        what is cleared for one is cleared for all. The cells that are looked at come in lines along the last of `axes`
+        on which cells at one place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
