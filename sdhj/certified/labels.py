@@ -17,7 +17,10 @@ LABELS = ("certified", "not certified", "outside")
 
 
 def same_game(table: Table, certified: Table) -> None:
-    """Raise ValueError unless two tables are of one game; the nodes of the grid and `view_time` may differ."""
+    """Raise ValueError unless two tables are of one game; the nodes of the grid and `view_time` may differ.
+
+    Numbers may differ by rounding; with a black box the problems must be equal (`ReachAvoidProblem.digest`).
+    """
     one, other = table.problem, certified.problem
     if one.digest != other.digest and not _alike(one, other, but=("shape", "view_time")):
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
@@ -54,9 +57,10 @@ def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0
     "certified" has a proof, whatever the interpolated table says; "not certified" is in that table's tube without a
     proof; "outside" is in neither.
 
-    table, certified : the interpolated and the certified table. start, within : the tube, k and n.
+    table, certified : the interpolated and the certified table. start, within : the tube, k and n, as for
+        `Table.contains`.
 
-    ValueError where the tables are of different games.
+    ValueError where the tables are of different games (`same_game`).
     """
     same_game(table, certified)
     proved = certified.contains(states, start=start, within=within)
