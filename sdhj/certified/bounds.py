@@ -105,7 +105,7 @@ class Bounds:
         set's axes, n2 along the second, and so on. Tiles of many boxes are bounded first, and a single box only where
         its tile leaves the sign open. 0 means that the function has both signs, or that nothing is proved.
 
-        low, high : for each axis of the set the lower and the upper ends of its intervals, both ascending, at least one.
+        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
         times : the least and the greatest time, s.
         halvings : how often a box of open sign is cut in two along each axis, at most, and as long as the pieces of all
             such boxes are no more than `MOST_HALVES`.
@@ -126,7 +126,7 @@ class Bounds:
         Returns bool of the shape that `signs` has. The function may be the least of several: these are asked one after
         the other, each only where all before it are > 0.
 
-        low, high : for each axis of the set the lower and the upper ends of its intervals, both ascending, at least one.
+        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
         times : the least and the greatest time, s.
         halvings : how often a box of open sign is cut in two along each axis, at most (`Bounds.signs`).
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
@@ -146,7 +146,7 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """As `Bounds.signs` for any function: 1 where it is > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
+        """As `Bounds.signs` for any function: 1 where > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
 
         low, high, times, halvings : as there.
         axes, function : the function, a formula or a black box, and the axes of the grid that it depends on.
@@ -180,8 +180,10 @@ class Bounds:
     ) -> FloatArray:
         """Whether a level-set function is proved <= 0 in all of each box (M, axes) and at all `times`, s: (M,) bool.
 
-        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest. A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
+        A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
         are no more than `most`. A box that is still open then is False.
+
+        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):

@@ -354,8 +354,8 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
     """The least and the greatest displacement of a prediction along one axis in an interval under input j.
 
     Exact as far as `velocity_bounds` is. It is velocity times any length that the interval may have, widened by 2 E:
-    from the prediction at the interval's begin to the one at its end. For a controller that remembers it is not widened: there the next point is the one that
-    is carried on. Only for an axis that `is_steady`.
+    from the prediction at the interval's begin to the one at its end. For a controller that remembers it is not
+    widened: there the next point is the one that is carried on. Only for an axis that `is_steady`.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
@@ -367,8 +367,8 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
     """A cell width that divides every length in `moves`, for about `wish` cells on an axis of length `extent`.
 
-    It is extent / wish where there is no length but 0, or where the largest width that divides them all would make more than
-    twice the cells wished for: this is sound as well, but every image is rounded out to whole cells.
+    It is extent / wish where there is no length but 0, or where the largest width that divides them all would make more
+    than twice the cells wished for: this is sound as well, but every image is rounded out to whole cells.
 
     moves : lengths, of any sign. whole : whether the width is to divide the extent, too. wish : at least 1.
     """
@@ -384,7 +384,7 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
-    """The cells of all axes, about cells[k] along axis k, at least 1: of each what `aligned_choices` has for this wish."""
+    """The cells of all axes, about cells[k] >= 1 along axis k: of each what `aligned_choices` has for this wish."""
     return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
 
 
