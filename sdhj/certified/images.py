@@ -124,9 +124,9 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 class Proof:
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
-    The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`; a table
-    asks `image`, `in_image`, `places` and `inputs` about its cells. Of those that are not here the full contracts are
-    those of `sdhj.certified.general_proof.GeneralProof` and of `Images`.
+    The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`;
+    a table asks `image`, `in_image`, `places` and `inputs` about its cells. Of those that are not here the full
+    contracts are those of `sdhj.certified.general_proof.GeneralProof` and of `Images`.
     """
 
     problem: ReachAvoidProblem
@@ -420,7 +420,7 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """A cell (M, ndim) at each of the places with numbers (M,): that with index 0 on the axes that are no place's."""
+        """A cell (M, ndim) at each place, by its number (M,): that with index 0 on the axes that are no place's."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
@@ -500,9 +500,9 @@ class Images(Proof):
         """The displacements (2, M, ndim) of the ends of boxes to the points that a controller with memory carries on.
 
         start (2, M, ndim) : the boxes.
-        last (2, M, ndim) : the displacements to the image of the states. E is taken off this image at both ends, but no more than to
-            its middle. An image that is held at a wall as a whole keeps its place, and no other image comes as near to
-            a wall as a layer.
+        last (2, M, ndim) : the displacements to the image of the states. E is taken off this image at both ends, but no
+            more than to its middle. An image that is held at a wall as a whole stays where it is, and no other image
+            comes as near to a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
