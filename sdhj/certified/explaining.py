@@ -67,7 +67,7 @@ def scanty(table: Any) -> Finding | None:
 
     Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
     than a tenth of what `HJI` claims on about `FEW_NODES` nodes. The problem is then solved on those nodes and, for
-    what may help, on the table's coarse copies, which takes some time. Shares of target and claim are of
+    what may help, on the table's coarse copies, which takes some time. The target's share is that of
     `SCANTY_STATES` random states, of a fixed seed. table : the `CertifiedTable`.
     """
     problem, share = table.problem, table.fraction()
@@ -233,8 +233,8 @@ class _Cell:
         """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
 
         What is met is an unsafe set or an unsafe end, which `Failure.by` names; `Failure.short` is the lower bound on
-        the distance, <= 0. That is 0, and `by` empty, where the cell's own tube meets
-        nothing and only the larger boxes do by which the proof looks tubes up.
+        the distance, <= 0. That is 0, and `by` empty, where the cell's own tube meets nothing and only the larger boxes
+        do by which the proof looks tubes up.
         """
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:
