@@ -63,8 +63,10 @@ def _displacement(problem: ReachAvoidProblem, j: int) -> Displacement:
 def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: float) -> FloatArray:
     """Whether each cell, with its lower and upper ends displaced by `move`, is proved to lie in the target at time t.
 
-    Returns bool of shape (*counts), the numbers of cells of each of `axes`. move : the least and the greatest
-    displacement along each axis; zeros for the cells themselves.
+    Returns bool of shape (*counts), the numbers of cells of each of `axes`. False where it is not proved.
+
+    bounds : of the problem. move : the least and the greatest displacement along each axis; zeros for the cells
+    themselves. t : in s.
     """
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]

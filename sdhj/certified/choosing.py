@@ -228,7 +228,7 @@ def _by_axes_alone(
     times, since tubes of wide cells meet unsafe sets, and losses on the other axes `LEFT` times; both for each unit of
     what the boundaries of unsafe sets take of the states outside.
 
-    parts : into which an interval is cut. seconds : what the solve may take, on two cores.
+    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
     cells : for each axis its choices of cells, from few to many, equally many for all axes.
     rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates; a row is
         not used where `axes_alone` has the axis.
@@ -305,7 +305,7 @@ def _spread(
     single cell as wide as the axis would lose; the factor, one for all axes, is found by bisection. Where even the
     smallest factor does not fit, its choices are returned all the same.
 
-    parts : into which an interval is cut. seconds : what the solve may take, on two cores.
+    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
     cells : for each axis its choices of cells, from few to many, equally many for all axes.
     rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
     given : for the axes whose choice is made already, its index: {axis: index}.
@@ -349,7 +349,7 @@ def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
     """The number of steps over which losses are added up: until the slowest coordinate that moves has crossed its axis.
 
     At least 1, at most `LOSING_STEPS` and `problem.most_steps`; 1 where a velocity is undefined, which is refused where
-    its bounds are asked for.
+    its bounds are asked for. speeds : of the problem (`speeds_of`).
     """
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
@@ -388,7 +388,8 @@ def lost_to(
 
     The cells' width times the first two rates, plus the third times what `rounded_out` returns.
 
-    rates (3,) : the axis's column of what `losses` returns; the third is 0 unless the axis `is_steady`.
+    rates (3,) : the axis's column of what `losses` returns; the third is 0 unless the axis `is_steady`. choices : the
+    cells of the axis, n times. speeds : of the problem.
     """
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
@@ -601,8 +602,8 @@ def _cost_in_words(
 ) -> float:
     """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time (`word_tubes.in_words`).
 
-    axes : the cells of all axes. often : (starts of moves, starts of clear inputs, parts of an interval), how many of
-    each there are. speeds : of the problem.
+    axes : the cells of all axes. unsafe_set : the set. often : (starts of moves, starts of clear inputs, parts of an
+    interval), how many of each there are. speeds : of the problem.
     """
     (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
     spans = times * parts if unsafe_set.moving else 1

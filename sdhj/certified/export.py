@@ -163,7 +163,7 @@ def _exportable(table: Any) -> ReachAvoidProblem:
 
 
 def _frequent(table: CertifiedTable) -> tuple[int, ...]:
-    """The indices of all inputs, in falling order of how many of `DRAWN_CELLS` random cells they are proved in at step 0.
+    """The indices of all inputs, those first that are proved at step 0 in the most of `DRAWN_CELLS` random cells.
 
     For a `Rule`: the first proved input of this order is preferred. The cells are drawn with a fixed seed.
     """
@@ -434,6 +434,8 @@ def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, br
     the grid; the last entry is the lower half of a CRC-32 of what `python_answers` says. State i is asked about at step
     i % (N + 1), or 0 where nothing depends on time, and with the filter's wanted input i % L. The states are drawn with
     a fixed seed.
+
+    fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
     """
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))

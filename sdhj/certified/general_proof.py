@@ -63,7 +63,7 @@ def lattice_of(
     array of sums for each interval of time; where there are several, one more for all of them together, the last. Along
     a periodic axis boxes are counted twice, for two laps.
 
-    bounds : on the problem's level-set functions.
+    bounds : on the problem's level-set functions. unsafe_set : the set.
     axes : the cells of all axes.
     times : (from, to), s: the intervals of time, in each of which the set is bounded; at least one.
     steps : for how many steps there will be such a lattice; they share memory, so boxes are the coarser.
@@ -407,7 +407,8 @@ class GeneralProof(Images):
         No bit is set for an input under which the set does not count.
 
         each : the boxes that may meet the set (`boxes_in_words`), for each part of the interval, or once for all parts.
-        first, last (L * parts, d) : the windows of the place's tubes (`windows`), by input and then by part.
+        lattice : whose boxes these are. first, last (L * parts, d) : the windows of the place's tubes (`windows`), by
+        input and then by part.
         """
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
@@ -420,7 +421,7 @@ class GeneralProof(Images):
         return met
 
     def _clear_bits(self, step: int, place: int, unsafe_set: UnsafeSet, met: FloatArray) -> None:
-        """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet a set.
+        """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet `unsafe_set`.
 
         place : its number. met (L, n1, ..., W) uint64 : as `_met_at_once` returns it; it holds for cells anywhere on
         the axes that neither the set nor a place has.

@@ -55,8 +55,8 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    Without a delay it is the error of a measurement. With one, of constant dynamics, it is what `unknown` returns;
-    otherwise a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of a
+    Of constant dynamics it is what `unknown` returns. Of others it is the error of a measurement where there is no
+    delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of a
     prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most `GUESSES`.
     ValueError where none is found within the grid.
     """
@@ -448,13 +448,13 @@ class Images(Proof):
         return start
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """How far the lower and the upper ends of boxes (2, M, ndim) move under u_j in the interval from `time`, s.
+        """How far the ends of M boxes, `start` (2, M, ndim), move under u_j in the interval from `time`, s.
 
-        Returns displacements, negative for a lower end that falls: the extremes during each part, (M, parts, ndim, 2),
-        and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward, clipped at walls, and with
-        sensing widened by E. For a controller that remembers, the second is that of the points it carries on
-        (`_clipped`). On the axes that no place depends on the box is all that there is: displacements begin at 0 and
-        the velocity is bounded anywhere in it.
+        Returns displacements of the lower and the upper ends, negative for one that falls: the extremes during each
+        part, (M, parts, ndim, 2), and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward,
+        clipped at walls, and with sensing widened by E. For a controller that remembers, the second is that of the
+        points it carries on (`_clipped`). On the axes that no place depends on the box is all that there is:
+        displacements begin at 0 and the velocity is bounded anywhere in it.
 
         pieces : into which each part is cut, at least 1; a few more beside a layer, and where the interval may end.
         ValueError where a velocity has no bound, or grows too fast for one to be found.
@@ -518,7 +518,7 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """The displacements of both ends of boxes `start` at the end of a piece of the interval: (2, M, ndim).
+        """The displacements of both ends of boxes `start` at the end of a piece of an interval under u_j: (2, M, ndim).
 
         moved + h F, rounded outward and clipped at walls. For each end F bounds the velocity in the face on its side of
         a box that the states stay in during the piece.
@@ -556,8 +556,10 @@ class Images(Proof):
         """Where boxes are at the begin of a piece, start + moved, and boxes that their states stay in during it.
 
         Two arrays (2, M, ndim). The second is found by trying larger boxes until X + [0, h] V lies inside, V the
-        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`. The
-        arguments are those of `_piece`.
+        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`.
+
+        start, moved, before (2, M, ndim) : the boxes, their ends' displacements at the begin of the piece, and what
+            these gained in the piece before. j : the input. times : when the piece begins and ends, s.
         """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)

@@ -164,10 +164,11 @@ class Copy(GeneralProof):
         return Moves(low, high, self.strides, self.past)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """As `GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place.
+        """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
 
-        Without rounding `prepared` and `changed` are not used, and all cells are asked about: their images are others
-        than in the step before. Each call is counted, as `moves` goes by how many sets have been made.
+        k is `step`, and `following` S_{k+1}^{n-1}. Without rounding `prepared` and `changed` are not used, and all
+        cells are asked about: their images are others than in the step before. Each call is counted, as `moves` goes by
+        how many sets have been made.
         """
         if self.phases > 1:  # its moves are those of a turn
             prepared, changed = Packing(self), None

@@ -93,7 +93,7 @@ class Packing:
         step : that of `cells`; where moves or marks are known for one step only, these are taken.
         changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
             made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
-            move alike and `groups` is 1.
+            move alike, `groups` is 1 and there are marks.
         marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear; (starts, 0, 0): all inputs are.
         groups : how many groups of equal length the moves fall into, one after the other; a cell needs a clear input
             of each group.
@@ -174,7 +174,7 @@ class Packing:
         return self.known[at]
 
     def _in_order(self, some: _Swapped) -> _Swapped:
-        """The same data with `axis` and the last axis in each other's place, as new arrays."""
+        """What `some` has, in the order of axes `order`: with `axis` and the last one exchanged, as new arrays."""
         order, number = self.order, some.marks.shape[-1]
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
@@ -191,7 +191,7 @@ class Packing:
         return _Swapped(cells, moves, *read_only((np.ascontiguousarray(some.far[..., order]), marks)))
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
-        """A set (rows, W) packed along the last axis, packed along `axis` instead: a new array, (rows', W') uint64.
+        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead: (rows', W') uint64, new.
 
         back : the other way, from `axis` to the last.
         """

@@ -128,7 +128,7 @@ class CertifiedTable(Table):
         return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, without the shell.
+        """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, no shell.
 
         With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
         around it.

@@ -54,7 +54,7 @@ def in_words(
     They are if `goes_along` says that they may be, and there would be more than `COUNTED` boxes of half a cell, at all
     times together.
 
-    depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`). cells : of all axes.
+    depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`). cells : those of each axis.
     parts : into which an interval is cut, in each of which a moving set is bounded on its own.
     """
     axes = unsafe_set.axes
@@ -114,6 +114,7 @@ def boxes_in_words(
     *boxes are the numbers of boxes on all axes but the last; on the last, box fine i + m is bit i of plane m, with
     margins as `with_margins` adds them.
 
+    bounds : of the problem that has `unsafe_set`. lattice : for the set.
     margin (d,) : how much wider boxes are on both sides, besides what the lattice says.
     far : how many cells the margins hold, at least (`far_beyond`). times : (from, to), s.
     """
@@ -182,7 +183,7 @@ def united(
     (numbers of these tubes, cells as bits (n1, ..., W) uint64); each of the tubes `some` is in one of the pairs. The
     bits may be the array of boxes itself: they are not to be modified.
 
-    boxes : as `boxes_in_words` returns them, united already along the axes behind `axis`.
+    boxes : those of the lattice, as `boxes_in_words` returns them, united already along the axes behind `axis`.
     first, last (T, d) : the windows of all tubes. some (n,) : numbers of tubes.
     axis : the axis to unite along next, and then those before it; first of all d - 1; -1: there is none left.
     """
@@ -199,8 +200,8 @@ def united(
 def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int) -> FloatArray:
     """For each cell along an axis whether one of the boxes of its window is set; other axes stay as they are.
 
-    boxes : as for `united`, with fine n boxes along `axis`; the result has n there, or, for the last axis, words of
-        bits in place of planes. It is `boxes` itself if the window is the cell's own box.
+    boxes : those of the lattice, as for `united`, with fine n boxes along `axis`; the result has n there, or, for the
+        last axis, words of bits in place of planes. It is `boxes` itself if the window is the cell's own box.
     first, last : of the window of cell 0.
     """
     own, fine = lattice.axes[axis], int(lattice.fine[axis])
