@@ -325,7 +325,7 @@ def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Frac
 
 
 def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """What `velocity_bounds` returns, computed anew."""
+    """What `velocity_bounds` returns for this axis and input j, computed anew; not checked to be steady."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]

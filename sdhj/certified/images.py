@@ -56,8 +56,8 @@ def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
     Of constant dynamics it is what `unknown` returns. Of others it is the error of a measurement where there is no
-    delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of a
-    prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most `GUESSES`.
+    delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of
+    a prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most `GUESSES`.
     ValueError where none is found within the grid.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim

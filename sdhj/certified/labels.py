@@ -40,7 +40,8 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...] = ()) -> bool:
     """Whether two problems without black boxes are equal, up to the rounding of two machines.
 
-    but : names of entries of `ReachAvoidProblem.numbers` that are not compared. False where a function is a black box.
+    one, other : the two. but : names of entries of `ReachAvoidProblem.numbers` that are not compared. False where a
+    function is a black box.
     """
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs", *but))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape

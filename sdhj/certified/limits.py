@@ -224,10 +224,11 @@ class Limits:
     """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
-        """Solve all copies of a table's problem, with so many cells that it takes a share `SHARE` of the table's solve.
+        """Solve all copies of a table's problem, with so few cells that it takes a share `SHARE` of the table's solve.
 
         Or `LEAST` seconds where that is more, both by the model of `sdhj.certified.choosing`. At most `LONGEST` steps
-        are solved of a problem that does not depend on time. Warnings and findings of the solves are dropped.
+        are solved of a problem that does not depend on time, and `EVER` for ever. Warnings and findings of the solves
+        are dropped.
 
         table : the `CertifiedTable`. sets : the class `CellSets`, which solves.
 
@@ -307,8 +308,8 @@ class Limits:
         """Solve the copies and yield each but the first, which is kept as `plain`, with the one that it was made from.
 
         First those without something of what cells lose, the last of them without all of it; of this one those without
-        something of the problem; and at last those of `plain` with something added. A copy whose problem or proof is
-        refused is left out.
+        something of the problem; and at last those of `plain` with something added. Of the last two kinds those are
+        left out whose problem or proof is refused.
         """
         proof, ever = self._proof(self.problem, self.axes), self.problem.has_no_target
         self.plain = plain = self._solved(proof)

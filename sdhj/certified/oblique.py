@@ -108,7 +108,7 @@ def rates_along(
     dynamics, grid = bounds.problem.dynamics, bounds.problem.grid
 
     def bounded(low: FloatArray, high: FloatArray) -> Ends:
-        """The least and the greatest n . f over boxes (n, ndim) within the grid: two (n, K)."""
+        """The least and the greatest n . f over boxes (n, ndim), from low to high and within the grid: two (n, K)."""
         if dynamics.gain is None:
             # obligation 2.48
             pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]

@@ -231,7 +231,8 @@ class CertifiedTable(Table):
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
 
-        asked : called once with cells (n, ndim); returns bool (n, L).
+        asked : called once with all these cells (n, ndim), n = 0 where none is near; returns bool (n, L). A state off
+            the grid has no cell, and no input.
         """
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
