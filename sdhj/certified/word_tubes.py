@@ -181,7 +181,7 @@ def united(
     """Yield from which cells tubes overlap a box that may meet the set, once for all tubes with the same windows.
 
     (numbers of these tubes, cells as bits (n1, ..., W) uint64); each of the tubes `some` is in one of the pairs. The
-    bits may be the array of boxes itself: they are not to be modified.
+    bits are not to be modified, as those of later pairs may be made of them.
 
     boxes : those of the lattice, as `boxes_in_words` returns them, united already along the axes behind `axis`.
     first, last (T, d) : the windows of all tubes. some (n,) : numbers of tubes.
