@@ -265,7 +265,7 @@ class Interval:
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A function as one formula, which is computed faster; where the dynamics have a black box, the function itself.
+        """A function as one formula, which is faster; where the dynamics have a black box, the function itself.
 
         function : of points (M, coordinates) and `parameters` numbers, the time first. what : a key that, with this
         grid, tells it apart from all others that are asked for; the formula is made once for each key.
@@ -302,9 +302,9 @@ class Interval:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
         Lower and upper corners, (M, L, ndim) each, or (1, L, ndim) where they are the same for all states (M, ndim).
-        Where velocities do not depend on the state they are exact, but larger where v is cut into pieces. Elsewhere
-        they are no bounds but second-order estimates: the drift is taken by the midpoint rule, the adversary's gain is
-        that at the start, and pieces of v have the velocities halfway. Widened by `wider`.
+        They are widened by `wider`. Where velocities do not depend on the state they are exact, but larger where v is
+        cut into pieces. Elsewhere they are estimates: the drift is taken by the midpoint rule, the adversary's gain is
+        that at the start, and pieces of v have the velocities halfway.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
@@ -316,9 +316,10 @@ class Interval:
         (M, L, P, ndim), relative to the states (M, ndim); (1, L, P, ndim) where they are the same for all states. sides
         (P, ndim) : points of the unit box, from 0, the lower corner, to 1.
 
-        Where components of v move several axes (`VectorField.oblique`), the sum of the box without their segments and
-        of the end of each segment that lies farther out towards the point. Where v is cut into pieces, the last point
-        of the line from the middle of the box to the point that is behind none of the planes of `normals`.
+        Where components of v move several axes (`VectorField.oblique`), it is the point of the box without their
+        segments, plus the end of each segment that lies farther out in this direction, by as large a share as the point
+        is out. Where v is cut into pieces, it is the last point on the line from the middle of the box to the point
+        that is beyond none of the planes of `normals`.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
@@ -397,10 +398,10 @@ class Interval:
         """Normals, beside the axes, of the planes that bound where states may end where v is cut into pieces: (K,
         ndim), read-only.
 
-        (0, ndim) where v is not cut. In the plane of each two axes that a component moves there are `FAN` for each of
-        its pieces, at most `MOST_NORMALS`, evenly apart if axes are measured in cells. The mean of v's velocities over an
-        interval lies in the hull of those of the pieces, whose greatest part along each normal is known; the more
-        pieces, the less lies between planes and hull. Made once.
+        (0, ndim) where v is not cut, and where it has more than `MOST_PIECES` pieces. In the plane of each two axes
+        that a component moves there are `FAN` normals for each of its pieces, at most `MOST_NORMALS`, evenly apart if
+        axes are measured in cells; those along an axis are left out. The mean of v's velocities over an interval lies
+        in the hull of those of the pieces, whose greatest part along each normal is known. Made once.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.cuts(range(ndim)))
@@ -521,11 +522,11 @@ class Interval:
     def segments(self, axes: Sequence[int]) -> FloatArray:
         """Half of the segment that each component of v which moves several of these axes adds to the velocity.
 
-        (L, K, len(axes)), for each input and each such component d: gain_d bounds_d along `axes`. The displacement over a time tau is that of the box less the segments' share, plus tau
-        times any point of each segment. Components that move an axis with a wall are left out unless nothing drifts
-        along it and the segments are symmetric about it: what is held at the wall may end elsewhere
-        (`_may_leave_at_wall`). K = 0 where gain or bounds depend on time, or no component couples these axes. Only
-        where velocities do not depend on the state.
+        (L, K, len(axes)), for each input and each such component d: gain_d bounds_d along `axes`. The displacement over
+        a time tau is that of the box less the segments' share, plus tau times any point of each segment. Components
+        that move an axis with a wall are left out unless nothing drifts along it and the segments are symmetric about
+        it: what is held at the wall may end elsewhere (`_may_leave_at_wall`). K = 0 where gain or bounds depend on
+        time, or no component couples these axes. Only where velocities do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
@@ -559,8 +560,8 @@ class Interval:
         """Coordinates of the walls at which states may end outside the sum of segments, or past the planes of
         `normals`.
 
-        (2, ndim), lower and upper; -inf and inf for all other ends. All walls count where there are neither planes nor
-        segments, and where there are no planes and velocities depend on the state.
+        (2, ndim), lower and upper; -inf and inf for all other ends. Where there are no planes, and either no segments
+        or velocities that depend on the state, all walls count.
         """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
