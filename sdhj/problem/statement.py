@@ -130,9 +130,9 @@ class Statement(Remembering):
         """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
 
         w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.lipschitz_bounds`, `growth_bound`), and h = delta
-        + 2 jitter is the longest hold. A state within E of a point c is then within E + this of where c is led under the same
-        input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for A and b,
-        or a velocity may be undefined.
+        + 2 jitter is the longest hold. A state within E of a point c is then within E + this of where c is led under
+        the same input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for
+        A and b, or a velocity may be undefined.
         """
         slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
