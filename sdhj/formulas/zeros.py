@@ -70,17 +70,17 @@ def _variants(one: Node) -> list[Node]:
     for each in ordered([one]):
         rule = RULES[each.op]
         if rule.chooses:
-            ways = [way for place in rule.chooses for way in found[each.args[place]]]
+            variants = [variant for place in rule.chooses for variant in found[each.args[place]]]
         elif rule.truth:
-            ways = [ZERO, constant(1.0)]
+            variants = [ZERO, constant(1.0)]
         else:
             operands = product(*(found[arg] for arg in each.args))
-            ways = [
+            variants = [
                 interned(each.op, args, each.value) for args, _ in zip(operands, range(MOST_CHOSEN + 1), strict=False)
             ]
             if each.op == "floor":
-                ways.append(ZERO)
-            if each.op == "gridded" and (each.value.values == 0.0).any():
-                ways.append(ZERO_OF_ANY_SIGN if np.signbit(each.value.values[each.value.values == 0.0]).any() else ZERO)
-        found[each] = list(dict.fromkeys(ways))[: MOST_CHOSEN + 1]
+                variants.append(ZERO)
+            if each.op == "gridded" and (zero := each.value.values == 0.0).any():
+                variants.append(ZERO_OF_ANY_SIGN if np.signbit(each.value.values[zero]).any() else ZERO)
+        found[each] = list(dict.fromkeys(variants))[: MOST_CHOSEN + 1]
     return found[one]

@@ -412,8 +412,9 @@ class Grid:
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each.
 
-        -inf and +inf for other ends. fates : as of `ends_where`. Where the grid has a `padding`, the end is where this
-        begins, not where the nodes end. Read-only, made once for each tuple of fates.
+        fates : "fails", "holds" or "frees"; without any, no end counts. -inf and +inf stand for ends that do not count.
+        Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, made once for
+        each tuple of fates.
         """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)

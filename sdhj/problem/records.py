@@ -228,10 +228,10 @@ def _measured(
 ) -> tuple[list[FloatArray], FloatArray]:
     """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement.
 
-    tables : the records, (T, 1 + ndim + m) each. Of error, rest and better, as of `bounds_from_records`, one alone is
-    not None. With `better`, the records are those of the better sensor, and the error is by how much `tables` differ
-    from them. Otherwise they are `tables`; the error is half of what the record `rest` ranges over, or `error` as
-    given. miss : the probability with which each bound that is found may be exceeded.
+    tables : the records, (T, 1 + ndim + m) each. Just one of error, rest and better, which `bounds_from_records`
+    explains, is not None. With `better`, the records are those of the better sensor, and the error is by how much
+    `tables` differ from them. Otherwise they are `tables`; the error is half of what the record `rest` ranges over, or
+    `error` as given. miss : the probability with which each bound that is found may be exceeded.
 
     ValueError where error, rest or better does not fit; OSError where a file cannot be read.
     """

@@ -99,11 +99,12 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """In words, how a problem differs from what a file describes, by more than rounding; "" if it does not.
 
-    head : the file's description, as of `problem_from`. arrays : the file's, {name: array}, tables and values of black
-    boxes among them. Must be equal: delta, steps, view_time, sensing, the grid, names, sets, the number of pieces of
-    v's range where it matters, and the structures of formulas. Must agree to 1e-12, for another machine's rounding:
-    constants and tables of formulas (`sdhj.formulas.text.alike`), inputs, and the values of black boxes, which are
-    called for them (`near`). ValueError where the file's formulas cannot be read.
+    head : the file's description, with "grid" as a Grid, "sensing" as a Sensing and "inputs" as an array. arrays : the
+    file's, {name: array}, tables and values of black boxes among them. Must be equal: delta, steps, view_time, sensing,
+    the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas. Must
+    agree to 1e-12, for another machine's rounding: constants and tables of formulas (`sdhj.formulas.text.alike`),
+    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the file's formulas
+    cannot be read.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
     pairs["sensing"] = head["sensing"].told, problem.sensing.told
