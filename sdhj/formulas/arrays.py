@@ -73,9 +73,9 @@ class NotTraced(ValueError):
 
 @functools.cache
 def installed(file: str) -> bool:
-    """Whether a file belongs to Python or to an installed package, of this environment or another one.
+    """Whether a file, given by its path, belongs to Python's library or to an installed package.
 
-    Kept for each path.
+    Packages of other environments count, too. The answer is kept for each path.
     """
     return any(folder in file for folder in PACKAGES) or file.startswith(sysconfig.get_path("stdlib"))
 
@@ -93,14 +93,15 @@ def _users_line() -> str:
 
 
 def noted(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a method so that its errors become `NotTraced`, which is noted among the trace's refusals when it is made.
+    """Wrap a method so that any `Exception` that it raises becomes a `NotTraced`.
 
-    So a user's function that catches the error is refused all the same.
+    A NotTraced is appended to the refusals of the trace under way when it is made, so a user's function that catches it
+    is refused all the same.
     """
 
     @functools.wraps(method)
     def watched(*args: Any, **options: Any) -> Any:
-        """Call the method; an exception other than `NotTraced` is raised as one, with its type and text."""
+        """Return method(*args, **options); an exception other than NotTraced becomes one, with its type and text."""
         try:
             return method(*args, **options)
         except NotTraced:
@@ -196,7 +197,7 @@ class Traced(NDArrayOperatorsMixin):
     shape = property(lambda self: self.entries.shape)
     ndim = property(lambda self: self.entries.ndim)
     size = property(lambda self: self.entries.size)
-    T = property(lambda self: self._moved("transpose"))
+    T = property(lambda self: self._rearranged("transpose"))
     real = property(lambda self: self)
 
     __bool__ = __contains__ = __hash__ = __reduce_ex__ = _refused(
@@ -252,10 +253,13 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """A NumPy ufunc called, reduced (`REDUCED`) or as .outer, made of nodes entry by entry, broadcast.
+        """The answer of a NumPy ufunc of traced arrays, made of nodes entry by entry; NumPy calls this method.
 
-        out : a traced array that the answer is written into, in place. NotTraced where the ufunc has no rule for these
-        types, for any other method of ufuncs, and for options that are not `DEFAULTS`.
+        ufunc : NumPy's. method : "__call__", "outer", or "reduce" for ufuncs in `REDUCED`. inputs : its arguments,
+        traced or plain, which are broadcast. out : None, or a tuple of one traced array, into which the answer is
+        written in place. options : of these only `DEFAULTS`, and axis and keepdims of "reduce".
+
+        NotTraced for everything else, where the ufunc has no rule for these types, and for a list times a whole number.
         """
         options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):
@@ -277,10 +281,11 @@ class Traced(NDArrayOperatorsMixin):
 
     @noted
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
-        """Any other NumPy function: by its substitute in `FUNCTIONS`, or, if it only moves entries (`PLACED`), on the
-        entries.
+        """The answer of a NumPy function that is no ufunc; NumPy calls this method.
 
-        NotTraced for all others, and where a substitute does not take these arguments.
+        function : one with a substitute in `FUNCTIONS`, which is called in its place; or one in `PLACED`, which moves
+        entries and computes nothing, and is called with the entries. types : not used. args, options : the function's
+        arguments. NotTraced for all other functions, and where a substitute does not take these arguments.
         """
         if function in FUNCTIONS:
             try:
@@ -324,7 +329,7 @@ class Traced(NDArrayOperatorsMixin):
         if name in ("sum", "prod", "cumsum", "mean", "var", "std", "min", "max", "any", "all", "clip", "dot", "round"):
             return functools.partial(getattr(np, name), self)
         if name in ("flatten", "diagonal", "reshape", "ravel", "transpose", "squeeze", "take", "swapaxes", "repeat"):
-            return functools.partial(self._moved, name)
+            return functools.partial(self._rearranged, name)
         if name.startswith("__"):
             raise AttributeError(name)
         if name == "_numba_type_":
@@ -332,15 +337,16 @@ class Traced(NDArrayOperatorsMixin):
         raise NotTraced(f"the attribute {name!r} of an array", ADVICE.get(name, ""))
 
     @noted
-    def _moved(self, name: str, *args: Any, **options: Any) -> "Traced":
-        """What the method `name` of NumPy's arrays returns, one that moves entries and computes nothing, as a traced
-        array.
+    def _rearranged(self, name: str, *args: Any, **options: Any) -> "Traced":
+        """The answer of a method of NumPy's arrays that moves entries and computes nothing, as a traced array.
+
+        name : of the method, as "reshape". args, options : its arguments. A view where NumPy's answer is one.
         """
         return _wrapped(getattr(entries_of(self), name)(*args, **options), self.dtype)
 
 
 def _without_defaults(options: dict[str, Any]) -> dict[str, Any]:
-    """The options of a call that say something: without those that are not given, or are given as in `DEFAULTS`."""
+    """The options {name: value} of a call, without those that are not given (np._NoValue) or equal `DEFAULTS`."""
     left = {name: value for name, value in options.items() if value is not np._NoValue}
     return {name: value for name, value in left.items() if name not in DEFAULTS or value is not DEFAULTS[name]}
 
@@ -444,8 +450,9 @@ def entries_of(value: Any) -> Any:
 def weak_type(value: Any) -> Any:
     """What np.result_type must be given for an operand, so that types are promoted as in the untraced call.
 
-    A dtype; or a Python number, which takes the type of the others, for a Python int or float, and for a traced float
-    without dimensions, as the time is.
+    A Python int or float gives itself, and a traced float without dimensions, as the time is, gives 0.0: of both
+    np.result_type takes the kind alone, not the type. Any other operand, an array, a list or a NumPy number, gives its
+    dtype.
     """
     if isinstance(value, Traced):  # the time is a Python number when points are plain
         return value.dtype if value.ndim or value.dtype != FLOAT else 0.0
@@ -455,7 +462,11 @@ def weak_type(value: Any) -> Any:
 
 
 def _type_of(ufunc: Any, inputs: Sequence[Any]) -> Any:
-    """The dtype that NumPy's ufunc gives its answer for such inputs, traced or not."""
+    """The dtype of a NumPy ufunc's answer for these inputs, traced or not; of the last answer if it has several.
+
+    Of ufuncs with a signature, as np.matmul, the type to which the inputs are promoted. TypeError where the ufunc takes
+    no such types.
+    """
     if ufunc.signature is not None:
         return np.result_type(*map(weak_type, inputs))
     kinds = [type(one) if isinstance(one, int | float) else one for one in map(weak_type, inputs)]
@@ -499,7 +510,8 @@ def _written_into(answer: Traced, out: Any) -> Traced:
 def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
     """A function of nodes applied entry by entry to object arrays, broadcast: a new object array.
 
-    Entries are counted in `state.made`; NotTraced once one trace has more than `MOST_NODES`.
+    function : of as many nodes as there are arrays, -> a node. While a function is traced, the entries of the answer
+    are counted in `state.made`; NotTraced once these are more than `MOST_NODES`.
     """
     if state.trace is not None:  # not what is made of formulas, of which a process makes any number
         state.made += np.broadcast(*arrays).size
@@ -509,10 +521,11 @@ def mapped(function: Callable[..., Node], *arrays: Any) -> Any:
 
 
 def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Traced:
-    """The answer of a ufunc, where constants that are 0 become `ZERO_OF_ANY_SIGN` if NumPy's zero might be -0.0.
+    """An answer in which constants that are 0 have become `ZERO_OF_ANY_SIGN`, as NumPy's zero there might be -0.0.
 
-    The answer itself outside of a trace, for other types than float64, if the ufunc gives no -0.0 (`UNSIGNED`), and if
-    it chooses one of its operands and none of these has such a zero (`CHOSEN`).
+    ufunc : the NumPy function whose answer it is. operands : its operands. The answer itself is returned outside of a
+    trace, for other types than float64, if the ufunc gives no -0.0 (`UNSIGNED`), and if it chooses one of its operands
+    (`CHOSEN`) and none of these has a `ZERO_OF_ANY_SIGN`.
     """
     doubtful = ufunc not in CHOSEN or any((one.entries == ZERO_OF_ANY_SIGN).any() for one in operands)
     if state.trace is None or answer.dtype != FLOAT or ufunc in UNSIGNED or not doubtful:
@@ -525,16 +538,20 @@ def _with_zeros_of_any_sign(ufunc: Any, answer: Traced, *operands: Traced) -> Tr
 
 
 def _truths(array: Any) -> Any:
-    """An object array of truth nodes that say of each entry whether it is not zero; truth values stay as they are."""
+    """An object array of truth nodes: of each entry whether it is not 0, where truth values stay themselves.
+
+    array : anything that `traced_array` takes.
+    """
     zero = constant(0.0)
     return mapped(lambda one: one if one.truth else make("not", make("equal", one, zero)), traced_array(array).entries)
 
 
 def _computed(ufunc: Any, arrays: Sequence[Traced], dtype: Any) -> Traced:
-    """The answer of a ufunc of traced arrays, entry by entry, of this dtype.
+    """The answer of a ufunc of traced arrays, entry by entry, broadcast; of np.matmul the product.
 
-    NotTraced where it has no rule for their types. One truth value without dimensions is refused in `COUNTING`, since
-    Python, which has it as a number, computes something else.
+    dtype : of the answer, from `_type_of`. NotTraced where the ufunc has no rule for these types; and, if it is in
+    `COUNTING`, where all operands are truth values without dimensions: without a trace these may be Python's, of which
+    ~ and + are numbers.
     """
     if ufunc in COUNTING and all(one.dtype == TRUTH and not one.ndim for one in arrays):
         raise NotTraced(f"numpy.{ufunc.__name__} of {'truth values' if len(arrays) > 1 else 'a truth value'}", SINGLE)
@@ -629,9 +646,11 @@ def _counted(array: Traced) -> Traced:
 
 @SILENT
 def _reduced(ufunc: Any, array: Any, axis: Any = None, keepdims: bool = False) -> Traced:
-    """The reduction of an array by a ufunc of `REDUCED` over `axis`: one axis, several, or, for None, all.
+    """The reduction of an array by a ufunc of `REDUCED`, as ufunc.reduce computes it.
 
-    keepdims : as NumPy's. Truth values are counted in sums and products; numbers become truth values in logical ones.
+    array : anything that `traced_array` takes. axis : one axis, several, or None for all. keepdims : whether reduced
+    axes stay, with length 1. Sums and products count truth values, as int64; logical reductions take numbers for
+    whether they are not 0. ValueError for a minimum or maximum over no entries.
     """
     array = traced_array(array)
     if ufunc in (np.logical_or, np.logical_and):
@@ -674,9 +693,9 @@ def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> 
 
 
 def _where(condition: Any, *branches: Any) -> Traced:
-    """numpy.where(condition, one, other); numbers as a condition are true where they are not 0.
+    """numpy.where(condition, one, other), broadcast; numbers as a condition are true where they are not 0.
 
-    NotTraced without branches.
+    branches : (one, other). NotTraced without them.
     """
     if len(branches) != 2:
         raise NotTraced("numpy.where of a condition alone", WHERE)
@@ -685,7 +704,11 @@ def _where(condition: Any, *branches: Any) -> Traced:
 
 
 def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
-    """numpy.clip: min(max(a, least), most); a bound that is None is left out. NotTraced if both are."""
+    """numpy.clip: min(max(a, least), most), entry by entry.
+
+    a_min, or min, is the least, and a_max, or max, the most; min and max are ignored where the other is given. A bound
+    that is None is left out. NotTraced if both are.
+    """
     least, most = (b if a is None else a for a, b in ((a_min, min), (a_max, max)))
     if least is None and most is None:
         raise NotTraced("numpy.clip without bounds")
@@ -696,7 +719,7 @@ def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max:
 def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
     """numpy.select: the choice that belongs to the first true condition, else the default, entry by entry.
 
-    NotTraced for conditions that are numbers.
+    condlist, choicelist : lists of equal length; else ValueError. NotTraced for conditions that are numbers.
     """
     if any(traced_array(one).dtype != TRUTH for one in condlist):
         raise NotTraced("numpy.select by numbers", "compare them first")
@@ -706,9 +729,9 @@ def _select(condlist: Any, choicelist: Any, default: Any = 0.0) -> Any:
 
 
 def _round(a: Any, decimals: int = 0) -> Any:
-    """numpy.round: rint(a 10^decimals) / 10^decimals.
+    """numpy.round of a traced array: rint(a 10^decimals) / 10^decimals.
 
-    NotTraced for whole numbers and truth values, and for traced decimals.
+    decimals : also negative. NotTraced for whole numbers and truth values, and for traced decimals.
     """
     if a.dtype != FLOAT or holds_traced(decimals):
         raise NotTraced(f"numpy.round of {a.dtype}")
@@ -717,10 +740,9 @@ def _round(a: Any, decimals: int = 0) -> Any:
 
 
 def _interp(x: Any, xp: Any, fp: Any) -> Any:
-    """numpy.interp of a table of constants: linear between its ascending points xp, and its end's value of fp beyond
-    them.
+    """numpy.interp of a table of constants: linear between its points xp, of values fp; beyond them that at the end.
 
-    NotTraced for a table that is traced or does not ascend.
+    xp must ascend strictly; NotTraced where it does not, or where xp or fp is traced.
     """
     if holds_traced([xp, fp]) or not (np.diff(xp) > 0).all():
         raise NotTraced("numpy.interp of a table that is not ascending constants")
@@ -747,7 +769,8 @@ def _full_like(a: Any, fill_value: Any, dtype: Any = None) -> Traced:
 def _summed(function: Any, *args: Any) -> Any:
     """The traced answer of a NumPy function that only multiplies, adds and subtracts, as np.dot, np.diff or np.einsum.
 
-    args : arrays, or strings, which are passed on as they are. NotTraced where all arrays are truth values.
+    function : called with object arrays of nodes. args : its arguments, traced or plain arrays, or strings, which are
+    passed on as they are. NotTraced where all arrays are truth values.
     """
     kind = np.result_type(*(weak_type(one) for one in args if not isinstance(one, str)))
     if kind == TRUTH:

@@ -40,8 +40,8 @@ def derivative(outputs: Sequence[Node], by: Node) -> list[Node]:
 def linear(outputs: Sequence[Node], by: Sequence[Node]) -> list[list[Node]] | None:
     """The parts of outputs that are linear in the leaves `by`: for each output [rest, c_0, c_1, ...].
 
-    output = rest + sum over d of c_d by_d, and no part reads `by`. None where an output is not linear in all of them
-    together, or this cannot be told.
+    output = rest + sum over d of c_d by[d], where neither rest nor a coefficient reads a leaf in `by`. None if an
+    output is not linear in all of these leaves together, or this cannot be told.
     """
     slopes = [derivative(outputs, one) for one in by]
     rest = rebuilt(outputs, lambda one: ZERO if one in by else None)
@@ -72,10 +72,10 @@ def _derived(one: Node, found: Found) -> Node:
 
 
 def _turning(one: Node, found: Found) -> Node:
-    """The derivative of an angle that is only used within a sine or cosine, `one`.
+    """The derivative of an angle `one`, a node, that is only used as the argument of a sine or cosine.
 
-    There the jumps of `mod` by 2 pi and of `arctan2` do not matter, so they are left out. found : the derivatives of
-    all nodes below.
+    There the jumps of `mod` by 2 pi and of `arctan2` do not matter, so they are left out, through sums, differences and
+    negatives. found : the derivatives of the node and of all nodes below it; not written.
     """
     if found[one] is ZERO:
         return ZERO
@@ -90,10 +90,11 @@ def _turning(one: Node, found: Found) -> Node:
 
 
 def _interpolated(one: Node, slopes: Sequence[Node]) -> Node:
-    """A node whose interval bounds the derivative of a table's interpolant: sum over axes k of EITHER s_k slopes[k].
+    """A node whose interval bounds the derivative of a node "gridded": sum over axes k of EITHER s_k slopes[k].
 
     EITHER has the interval [-1, 1], and s_k is the largest difference between neighbours along axis k over the spacing,
-    rounded up. Its value is no derivative. slopes : the derivatives of the table's coordinates.
+    rounded up. The value of the node is no derivative. one : the node that interpolates the table. slopes : the
+    derivatives of its operands, the coordinates in the table.
     """
     terms = list[Node]()
     for axis, slope in enumerate(slopes):
@@ -106,8 +107,9 @@ def _branches(one: Node, slopes: Sequence[Node], found: Found) -> Node:
     """The derivative of a node `where`: that of the branch which is taken, undefined where the branch may change by a
     jump.
 
-    Where the condition cannot change along the line, or the branches meet at each comparison in it (`_meet`), it does
-    not jump. slopes : the derivatives of the condition and both branches. found : those of all nodes below.
+    It does not jump where the condition does not read the leaf by which is derived, or the branches meet at each
+    comparison in the condition (`_meet`). slopes : the derivatives of the condition and both branches. found : those of
+    all nodes below; not written.
     """
     condition, *branches = one.args
     out = make("where", condition, *slopes[1:])
@@ -127,10 +129,10 @@ def _compared(condition: Node) -> list[Node]:
 
 
 def _meet(compared: Node, branches: Sequence[Node]) -> bool:
-    """Whether two branches are equal where the two sides of a comparison are: one node, with one side put for the
-    other.
+    """Whether two branches are surely equal wherever the two sides of a comparison are equal.
 
-    False where that is not plain, and for a condition that is no comparison.
+    It is sure if, with one side put in place of the other, both branches are the same node. False where they are not,
+    and for a node `compared` that is no comparison.
     """
     if not RULES[compared.op].truth:
         return False

@@ -60,9 +60,11 @@ class Formula(Remembering):
     def read(cls, name: str, function: Any, coordinates: int, *names: str) -> "Formula | BlackBox":
         """A level-set function as a `Formula`: function(points (M, coordinates), *names) -> (M,) is traced.
 
-        A Formula or BlackBox is not traced, but checked and returned under this name. name : what the function is, for
-        messages. names : those of its parameters after the points, as "t". The result keeps the function as its
-        `source`, to be compared with it.
+        The formula keeps the function as its `source`, to be compared with it. A Formula or BlackBox is not traced, but
+        checked, and a copy under the new name is returned.
+
+        name : what the function is, for messages. function : a user's, a Formula or a BlackBox. coordinates : how many
+        a point has. names : those of the parameters after the points, as "t".
 
         ValueError where it is no function of these arguments, and NotTraced, a ValueError, where it cannot be read;
         messages say at which line, and what to write.
@@ -169,13 +171,18 @@ class Formula(Remembering):
         return least, greatest
 
     def least(self, points: FloatArray, *parameters: tuple[float, float]) -> FloatArray:
-        """Lower bounds (M,) of a formula with one result, at points (M, coordinates) over an interval of each
-        parameter.
+        """Lower bounds (M,) of a formula with one result, at points (M, coordinates), over intervals of the parameters.
+
+        parameters : an interval (begin, end) for each one. -inf where the function may be undefined.
         """
         return self.bounds_by_branch(points, points, *parameters)[0]
 
     def bounds_by_branch(self, low: FloatArray, high: FloatArray, *parameters: tuple[float, float]) -> Ends:
-        """`bounds` of a formula with one result, (M,) each, with both sides of the jump of an angle bounded apart.
+        """Bounds of a formula with one result, (M,) each, narrower than `bounds` at the jump of an angle.
+
+        low, high (M, coordinates) : corners of the boxes. parameters : an interval (begin, end) for each one. The
+        bounds are -inf and inf where the function may be undefined somewhere in the box. The two sides of a jump are
+        bounded apart, and the least and the greatest of both are returned.
 
         What `bounds` has between the values on the two sides of a jump of `mod` or `arctan2` is no value of the
         function; of a set on a circle it would be a phantom, half a turn away. Up to `MOST_JUMPS` such operations are
@@ -218,8 +225,9 @@ class Formula(Remembering):
     def _jumps(self) -> "tuple[list[Node], Formula, Formula]":
         """What `bounds_by_branch` needs: (nodes that jump, formula of their operands, formula of the results).
 
-        Made once. The nodes are `arctan2`, and `mod` by a constant above 0. The first formula has two results for each
-        node: y and x, or a / b and b for mod(a, b). The second one has the nodes' values as further coordinates.
+        The nodes are `arctan2`, and `mod` by a constant above 0. The formula of their operands has two results for each
+        of them: y and x, or a / b and b for mod(a, b). The formula of the results takes the values of the nodes as
+        further coordinates, after those of a point. Made once.
         """
         found = [one for one in ordered(self.outputs) if one.op in ("arctan2", "mod")]
         found = [one for one in found if one.op == "arctan2" or (is_constant(one.args[1]) and one.args[1].value > 0)]
@@ -283,8 +291,9 @@ class Formula(Remembering):
         return packed(*program(self.outputs))
 
     def _inlined(self, points: Any, parameters: Sequence[Any]) -> Traced:
-        """The results (M, *shape) at traced points (M, coordinates) and traced or plain parameters, as nodes of the
-        caller's graph.
+        """The results (M, *shape) at traced points, as a traced array of nodes of the caller's graph.
+
+        points (M, coordinates) : traced or plain. parameters : traced or plain numbers, one for each parameter.
         """
         columns = entries_of(points).reshape(-1, self.coordinates)
         given = [entries_of(one)[()] for one in parameters]
@@ -360,7 +369,7 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
     points, given = rng.uniform(-1, 1, (zeros.POINTS, coordinates)) * scales[:, None], rng.uniform(0.1, 9, parameters)
 
     def values(nodes: Sequence[Node]) -> FloatArray:
-        """The values of some nodes at `zeros.POINTS` random points, (nodes, points); NaN where they are undefined."""
+        """The values of nodes at the `zeros.POINTS` random points drawn above, (nodes, points); NaN where undefined."""
         one = Formula(tuple(nodes), coordinates, parameters, (len(nodes),), name)
         return one(points, *given, finite=False).T
 
@@ -381,21 +390,22 @@ def sure_of_zeros(name: str, outputs: Sequence[Node], coordinates: int, paramete
 def restored(lines: Sequence[str], tables: Any, coordinates: int, parameters: int, shape: Any, name: str) -> Formula:
     """The formula with this text, as `Formula.__reduce__` and files keep it.
 
-    lines, tables : as `parsed` takes them. coordinates, parameters : how many. shape : of the results for one point.
-    ValueError where the text cannot be read.
+    lines : of text, from `text.written`. tables : arrays or `Lookup`s, to which the lines refer by position.
+    coordinates, parameters : how many the formula may read. shape : of the results for one point; that there are as
+    many is not checked. name : what the function is, for messages. ValueError where the text cannot be read.
     """
     return Formula(parsed(lines, tables, coordinates, parameters), coordinates, parameters, tuple(shape), name)
 
 
 def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, *parameters: float) -> None:
-    """Raise ValueError where a function's values (M, *shape) are not those of its formula, at points (M, n) and
-    parameters.
+    """Raise ValueError where a function's values (M, *shape) are not those of its formula.
 
-    Values may differ by `NEARLY` of the largest one, because NumPy may add in another order. Where they differ by more,
-    they must lie in the formula's intervals at the points, widened by 4 units in the last place and by their own width;
-    these are computed only there, because compiling them takes seconds. Where such an interval is wide, as at the jump
-    of an angle, the values must agree within `NEARLY` at the point, or at a random point beside it, by `BESIDE` of 1
-    and each coordinate.
+    They are compared at points (M, n), for parameters that are numbers. Where the formula is undefined, nothing is
+    compared. Values may differ by `NEARLY` of the largest one, because NumPy may add in another order. Where they
+    differ by more, they must lie in the formula's intervals at the points, widened by 4 units in the last place and by
+    their own width; these are computed only there, because compiling them takes seconds. Where such an interval is
+    wide, as at the jump of an angle, the values must agree within `NEARLY` at the point, or at a random point beside
+    it, by `BESIDE` of 1 and each coordinate.
     """
     values, own, good, differs = _compared(formula, function, points, parameters)
     if (some := differs.any(axis=1)).any():
@@ -413,9 +423,9 @@ def compare(formula: Formula, function: Callable[..., Any], points: FloatArray, 
 def _compared(formula: Formula, function: Callable[..., Any], points: FloatArray, parameters: Sequence[float]) -> Any:
     """Compare a function with its formula at points (M, n): (values, own, good, differs), each (M, K) for K results.
 
-    values, own : those of the function and of the formula. good : whether they agree, or the function's lie in the
-    formula's widened intervals, or nothing is known there. differs : whether they disagree where the interval is wide
-    (`WIDE`), if any disagree at all.
+    values : those of the function. own : those of the formula. good : whether the two agree within `NEARLY`, or, if any
+    do not, whether the function's value is in the formula's widened interval, or the interval unbounded. differs :
+    whether they disagree and the interval is wide (`WIDE`), as at a jump. parameters : numbers, those of both.
     """
     given = points.copy()
     given.setflags(write=False)
@@ -503,12 +513,11 @@ class BlackBox:
             object.__setattr__(self, "reads", tuple(int(axis) for axis in self.reads))
 
     def checked(self, name: str, rest: Sequence[str], takes: Sequence[str] = ()) -> "BlackBox":
-        """The black box under another name, for messages.
+        """A copy under another name, for messages, after a check of the arguments that function and enclosure take.
 
-        ValueError where its functions do not take what they are to be given.
-
-        rest : names of what the function takes after the state; not checked if `takes` is given. takes : names of what
-        the enclosure takes after low and high, by default t0 and t1.
+        name : what the function is. rest : names of what the function must take after the state; ignored, and the
+        function not checked, if `takes` is given. takes : names of what the enclosure must take after low and high; by
+        default t0 and t1. ValueError where one takes other arguments.
         """
         if not takes:
             check_places(name, self.function, ("points",), rest)
@@ -519,14 +528,17 @@ class BlackBox:
 
     @property
     def timed(self) -> bool:
-        """Whether the answer may depend on the time."""
+        """Whether the answer may depend on the time: unless a `rate` of 0 is declared."""
         return self.rate is None or bool(np.any(self.rate))
 
     def clipped(self, lower: FloatArray, upper: FloatArray) -> "BlackBox":
         """The black box whose points, and corners of boxes, are first clipped to [lower, upper], (coordinates,)."""
 
         def cut(function: Any, count: int) -> Any:
-            """`function` with its first `count` arguments, points or corners of boxes, clipped to [lower, upper]."""
+            """A function that calls `function` with its first `count` arguments clipped to [lower, upper].
+
+            These are the points, or the two corners of boxes.
+            """
             return lambda *given: function(*np.clip(given[:count], lower, upper), *given[count:])
 
         return replace(self, function=cut(self.function, 1), enclosure=self.enclosure and cut(self.enclosure, 2))
@@ -554,11 +566,10 @@ class BlackBox:
         slope = np.broadcast_to(self.slope, (centre.shape[1],) * 2) if self.shape else np.asarray(self.slope)
 
         def change(by: FloatArray, duration: float) -> FloatArray:
-            """At most how far values change over displacements `by` >= 0, (M, n), and a duration: slope |by| + rate
-            duration, (M, 1, ...).
+            """Bounds on how far values change over displacements `by` >= 0, (M, n), and a duration >= 0, s.
 
-            With a single slope of a level set, |by| is the length; else it is taken coordinate by coordinate and
-            summed.
+            slope |by| + rate duration, which broadcasts to (M, *shape). If the slope is one number for a level set,
+            |by| is the length of the displacement; else the changes along the coordinates are summed.
             """
             far = by @ slope.T if slope.ndim else slope * np.sqrt((by**2).sum(axis=1))  # obligation 4.36
             far = far + duration * (0.0 if self.rate is None else np.asarray(self.rate))  # obligation 2.29
@@ -580,8 +591,8 @@ class BlackBox:
     def least(self, points: FloatArray, time: tuple[float, float]) -> FloatArray:
         """Lower bounds (M,) at points (M, n) over an interval of time (begin, end).
 
-        They are what the enclosure says; else value in the middle - rate times half of the duration. ValueError where
-        neither an enclosure nor a rate is declared.
+        They are what the enclosure says; else the value in the middle of the interval - rate times half of its
+        duration. ValueError where neither an enclosure nor a rate is declared. Only for a level set.
         """
         if self.enclosure is not None:
             return self.bounds(points, points, time)[0]
@@ -631,7 +642,7 @@ ANGLE = Formula((make("arctan2", leaf("x", 0), leaf("x", 1)),), 2, 0)  # of y an
 
 
 def _with_input(function: Callable[..., Any], place: int, u: FloatArray, *given: Any) -> Any:
-    """function(*given) with the input u (m,) inserted as argument number `place`."""
+    """The answer of function(*given), with the input u (m,) inserted as argument number `place`, counted from 0."""
     return function(*given[:place], u, *given[place:])
 
 

@@ -29,7 +29,7 @@ _nodes: "WeakValueDictionary[Any, Node]" = WeakValueDictionary()
 class Lookup:
     """A table to be interpolated: values at the nodes lower + i * spacing of a grid; made by `of`, which checks them.
 
-    Two tables are equal if their lower, spacing and digest are; values are compared by the digest alone.
+    Two tables are equal if they have the same lower, spacing and digest; values are compared by the digest alone.
     """
 
     values: FloatArray = field(compare=False, repr=False)  # float64, read-only, 1 to `MOST_AXES` axes
@@ -166,9 +166,12 @@ def is_constant(one: Node, value: float | None = None) -> bool:
 def make(op: str = "const", *args: Node, value: Any = None) -> Node:
     """The node of operation `op` with these operands, simplified.
 
-    Without operands the constant `value`, whatever `op` is. Simplified is only what changes neither a value, to the
-    last bit, nor where the node is undefined: constants are computed where that is exact, and `Rule.simpler` has its
-    say. value : the number of a constant, the exponent of "power", or the `Lookup` of "gridded".
+    Without operands the constant `value`, whatever `op` is. Constants are computed (`Rule.folded`), and nodes replaced
+    by simpler ones (`Rule.simpler`), only where that changes neither a value, to the last bit, nor where it is
+    undefined.
+
+    op : a name in `RULES`. args : as many as it has operands, which is not checked. value : the number of a constant,
+    the exponent of "power", or the `Lookup` of "gridded".
     """
     if not args:
         return constant(value)
@@ -183,7 +186,11 @@ def make(op: str = "const", *args: Node, value: Any = None) -> Node:
 
 
 def power(a: Node, b: Node) -> Node:
-    """The node a^b: for a constant b the cheapest of a, a^2, sqrt(a), 1/a and a whole power up to 64, else "pow"."""
+    """The node a^b, by the cheapest operation.
+
+    For a constant b that is a itself, "sqr", "sqrt", 1 / a, the constant 1 for b = 0 (where a is `total`), or "power"
+    for a whole exponent of magnitude up to `MOST_EXPONENT`. Otherwise it is "pow".
+    """
     if not is_constant(b):
         return make("pow", a, b)
     exponent = float(b.value)
@@ -200,8 +207,8 @@ def power(a: Node, b: Node) -> Node:
 def ordered(outputs: Iterable[Node], most: float = math.inf) -> list[Node]:
     """The nodes that `outputs` are made of and these themselves, each once, operands before the nodes that read them.
 
-    The order depends on the graph alone. most : a limit, to keep callers fast; the list is empty where there are more
-    nodes, and it may be where there are nearly as many, since nodes that wait to be visited count, too.
+    The order depends on the graph alone. most : a limit, to keep callers fast: the list is empty where there are more
+    nodes. It may be empty, too, where there are nearly as many, since nodes that wait to be visited count.
     """
     done: dict[Node, None] = {}
     stack = [(one, False) for one in reversed(list(outputs))]

@@ -29,8 +29,8 @@ def where(condition: Node, one: Node, other: Node) -> Node:
 def quotient(a: Node, b: Node) -> Node:
     """The node a / b, made of "share"s where that is possible: quotients that are cut to [-1, 1].
 
-    It is where |a| <= b by form (`_shares`), and b is kept above 0: b is the maximum of a constant above 0 and
-    something, or the sum of one and what is never negative.
+    It is possible where a is made of parts of magnitude at most |b| (`_shares`), and b is plainly above 0: the maximum
+    of a constant above 0 and something, or the sum of a constant above 0 and something that is never negative.
     """
     above = any(is_constant(arg) and arg.value > 0 for arg in b.args)
     kept = above and (b.op == "max" or (b.op == "add" and all(map(_is_length, b.args))))
@@ -79,11 +79,11 @@ def _narrowed(branch: Node, condition: Node, holds: bool) -> Node:
 
 
 def _cuts(a: Node, b: Node) -> list[tuple[Node, str, Node]]:
-    """The cuts that a <= b allows: (node, "min" or "max", bound), by which the node's interval is narrowed, not its
-    value.
+    """The cuts that a <= b allows, each (node, "min" or "max", bound).
 
-    With a constant b, a and the inside of an absolute value a are cut; with a constant a, b is; else a - b and b - a
-    are.
+    Where a <= b, the minimum or maximum of the node and the bound is the node itself, with a narrower interval. With a
+    constant b the node is a, and also c if a is |c|; with a constant a it is b, unless b is never negative anyway;
+    otherwise the nodes are a - b and b - a.
     """
     if is_constant(b):
         inner = [(a.args[0], "min", b), (a.args[0], "max", make("neg", b))] if a.op == "abs" else []
@@ -122,20 +122,21 @@ def _is_length(one: Node) -> bool:
 
 
 def _is_nonzero(one: Node, nonzero: set[Node]) -> bool:
-    """Whether a divisor is surely not 0, given nodes that are not.
+    """Whether a divisor `one` is surely not 0.
 
-    It is so if the divisor or its absolute value is among `nonzero`, or if it is a root, negative or absolute value of
-    such a node.
+    nonzero : nodes that are known not to be 0. It is sure if the divisor or its absolute value is among these, or if it
+    is the root, negative or absolute value of a node of which it is sure.
     """
     inner = one.op in ("abs", "neg", "sqrt") and _is_nonzero(one.args[0], nonzero)
     return inner or one in nonzero or make("abs", one) in nonzero
 
 
 def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
-    """The quotient a / b made of "share"s, which are quotients cut to [-1, 1]; None where a is not of that form.
+    """The quotient a / b made of "share"s, which are quotients cut to [-1, 1]; None where that is not possible.
 
-    Each part of a, a sum, difference or multiple of parts, must be at most |b| by form (`at_most`). b is not 0, which
-    the caller knows. new : {node: node to be put in its place}.
+    a must be made of parts whose magnitude is plainly at most |b| (`at_most`), by sums, differences, products with
+    anything and quotients by anything, and have at most `MOST_NARROWED` nodes. b must not be 0, which the caller knows.
+    new : {node: node to be put in its place}, for nodes below a, and for b.
     """
     found = dict[Node, Any]()
     for one in ordered([a], MOST_NARROWED):
@@ -155,8 +156,8 @@ def _shares(a: Node, b: Node, new: Mapping[Node, Node]) -> Node | None:
 def at_most(a: Node, b: Node) -> bool:
     """Whether |a| <= |b| is plain from the form of the two nodes, wherever both are defined; False where it is not.
 
-    It follows from |f(c)| <= |c| (`Rule.shrinks`), and from what is in b: a term of a length, of a maximum or sum of
-    what is never negative.
+    It is plain where a is a node c, or f(c) with |f(c)| <= |c| (`Rule.shrinks`), and b is c, -c or |c|, or a length,
+    maximum or sum of terms that are never negative, with such a b among them.
     """
     sizes, left, seen = {a}, [b], set[Node]()  # nodes whose size is at least that of a; at most that of b
     while RULES[a.op].shrinks:

@@ -14,11 +14,12 @@ STATE_NAMES = ("points", "q", "x", "p", "state", "states")  # what is called so 
 def parameters_of(
     name: str, function: Any, signature: inspect.Signature, known: Sequence[str]
 ) -> list[inspect.Parameter]:
-    """The positional parameters of a user's function: the state's first, then others, also ones that are not known.
+    """The positional parameters of a user's function: the state's first, then all others, whatever their names.
 
-    name : what the function is, for messages. signature : that of the function. known : the names that may stand after
-    the state, such as "t". ValueError where the first parameter has the name of an input, disturbance or time (the
-    message shows both readings), and where one of the known names can be given by keyword only.
+    name : what the function is, for messages. function : also a partial. signature : that of the function. known : the
+    names that may stand after the state, such as "t". ValueError where the first parameter has the name of an input,
+    disturbance or time (the message shows both readings), and where one of the known names can be given by keyword
+    only.
     """
     every = signature.parameters.values()
     places = [p for p in every if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
@@ -42,13 +43,14 @@ def parameters_of(
 
 
 def check_places(name: str, function: Any, first: Sequence[str], rest: Sequence[str]) -> None:
-    """Raise ValueError unless a function can be called with `first`, and then `rest`, all by position, and names them
-    so.
+    """Raise ValueError unless a user's function takes the arguments `first` and then `rest`, all by position.
 
-    name : what the function is, for the message. first : what stands for the state or a box of states, as ("points",)
-    or ("low", "high"); these may have any name. rest : names such as "t". A parameter after the first is refused if it
-    has another known name, or if, in the place of one of `rest`, it has a default or a state's name. A compiled
-    function that does not tell its parameters is not checked.
+    name : what the function is, for the message. first : names for the state or a box of states, as ("points",) or
+    ("low", "high"); the function may call these as it likes, but the first not by the name of an input, disturbance or
+    time. rest : names such as "t".
+
+    A parameter in the position of an argument in `rest` must be called like it, or have no default and a name that is
+    neither in `KNOWN_NAMES` nor in `STATE_NAMES`. A compiled function that does not tell its parameters is not checked.
     """
     takes = (*first, *rest)
     expected = f"{name} must be a function of ({', '.join(takes)})"

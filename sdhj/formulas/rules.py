@@ -123,8 +123,8 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
     def simpler(make: Make, a: Any, b: Any) -> Any:
         """The node op(a, b) simplified; None where nothing is simpler.
 
-        a or b where the two are one node, or the other one is neutral; op(op(c, 1), 2) = op(c, op(1, 2)) for constants
-        1 and 2.
+        It is a where a is b or b is the neutral constant, b where a is; and op(c, op(k, l)) for op(op(c, k), l) with
+        constants k and l.
         """
         if a is b or _is(b, neutral):
             return a
@@ -139,7 +139,10 @@ def _but_for(op: str, neutral: float) -> Callable[..., Any]:
 
 
 def settled(make: Make, one: Any) -> Any:
-    """A node that is 0 in boxes where the node `one` has a single number for its interval, undefined in others."""
+    """A node whose interval over a box is 0 if that of the node `one` is a single number, and else undefined.
+
+    Its value at a point is 0.
+    """
     return make("div", make(value=0.0), make("sub", make("equal", one, one), make(value=0.5)))
 
 
@@ -318,8 +321,9 @@ RULES = {rule.name: rule for rule in (
 def facts(rules: Sequence[Rule]) -> FloatArray:
     """What kernels must know to bound operations by intervals: one row for each rule, at index `Rule.code`, read-only.
 
-    The columns are FALLS to HIGHEST of `sdhj.kernels.tape`: falls, absolute and direct (0 or 1), the relative error (2
-    error + 1) STEP (0 if exact), TINY if a value computed as 0 may be another one, and the least and greatest values.
+    rules : their codes must be 0 to len(rules) - 1. The columns are FALLS to HIGHEST of `sdhj.kernels.tape`: falls,
+    absolute and direct (0 or 1), the relative error (2 error + 1) STEP (0 if exact), TINY if a value computed as 0 may
+    be another one, and the least and greatest values.
     """
     out = np.zeros((len(rules), tape.COLUMNS))
     for rule in rules:

@@ -127,8 +127,8 @@ def _index(word: str, most: int) -> int:
 def alike(outputs: Sequence[Node], others: Sequence[Node]) -> bool:
     """Whether two lists of nodes have graphs of one structure, with constants and tables that agree to a share `CLOSE`.
 
-    Structure counts as seen from the results: a node that is used twice may correspond to two nodes of the other graph
-    whose constants are nearly equal. Lists of different lengths are never alike.
+    Structures are compared from the results downward: a node that is used twice may correspond to two nodes of the
+    other graph whose constants are nearly equal. Lists of different lengths are never alike.
     """
     pairs, seen = list(zip(outputs, others, strict=False)), set[tuple[Node, Node]]()
     most = len(ordered(outputs)) + len(ordered(others))  # one structure has no more pairs
@@ -158,10 +158,12 @@ def shown(outputs: Sequence[Node], names: Sequence[str], parameters: Sequence[st
     """Results as mathematics for people to read: first lines "name = ...", last one line for each result, without a
     name.
 
-    An expression of more than 12 characters that is used more than once is named by a letter; one that is longer than
-    `LONG`, and is no result, by a number, as "[1]". Numbers are cut to six digits.
+    An expression of more than 12 characters that is used more than once is named by a letter, while there are letters;
+    another one that is longer than `LONG` and part of an expression is named by a number, as "[1]". Numbers are rounded
+    to six digits.
 
-    names, parameters : what coordinates and parameters are called.
+    names : what the coordinates are called. parameters : what the parameters are called. Both must have all names that
+    are needed.
     """
     order = ordered(outputs)
     uses = Counter(arg for one in order for arg in one.args)

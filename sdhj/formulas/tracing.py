@@ -38,19 +38,22 @@ def _taking_lists(original: Any) -> Callable[..., Any]:
 
 
 def _array(value: Any, dtype: Any = None, *, copy: bool | None = True) -> Traced:
-    """numpy.array of a traced array, or of a list of them, as a traced array.
+    """numpy.array(value, dtype, copy=copy) of a traced array, or of a list or tuple with traced arrays in it: traced.
 
-    dtype : by default the array's own. copy : if false, a traced array that has the type already is returned itself;
-    one without dimensions never is.
+    dtype : by default the array's own. copy : True for a writable copy; False or None for the traced array itself where
+    it has the dtype already and at least one dimension, else a copy. NotTraced where it cannot have the dtype, or a
+    list's arrays differ in shape.
     """
     array = traced_array(value)
     return array.astype(array.dtype if dtype is None else dtype, copy=bool(copy) or not array.ndim)
 
 
 def _contiguous(value: Any, dtype: Any = None) -> Traced:
-    """numpy.ascontiguousarray of a traced array, with at least one dimension: itself where its entries are in C order.
+    """numpy.ascontiguousarray of a traced array, or of a list with traced arrays in it: traced, of one dimension at
+    least.
 
-    dtype : by default its own. Otherwise a copy.
+    dtype : by default the array's own. The array itself is returned where it has the dtype, a dimension, and entries in
+    C order; else a copy.
     """
     array: Any = np.atleast_1d(_array(value, dtype, copy=False))
     return array if array.entries.flags.c_contiguous else array.copy()
@@ -59,22 +62,26 @@ def _contiguous(value: Any, dtype: Any = None) -> Traced:
 def _making_arrays(original: Any, ours: Any) -> Callable[..., Any]:
     """Make a function that calls `ours` where its first argument holds a traced array, else NumPy's `original`.
 
-    Errors of `ours` become NotTraced.
+    Both get all arguments. Errors of `ours` become NotTraced.
     """
     known = noted(ours)
     return lambda value, *args, **options: (known if holds_traced(value) else original)(value, *args, **options)
 
 
 def _full(room: Traced, fill_value: Any, dtype: Any = None) -> Any:
-    """numpy.full: the new traced array `room` with all entries the value; dtype : by default the value's."""
+    """numpy.full: a new traced array of the shape of `room`, filled with a value; dtype : by default the value's.
+
+    room : a traced array, whose entries are not read. NotTraced where the value cannot be converted to the dtype.
+    """
     return FUNCTIONS[np.full_like](room, fill_value, dtype or np.result_type(arrays.weak_type(fill_value)))
 
 
 def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
-    """Make the stand-in for np.zeros, ones, empty or full (`name`): traced where the user will write traced values.
+    """Make the stand-in for np.zeros, ones, empty or full (`name`), whose arrays are traced where that is needed.
 
-    That is guessed to be so where one of the lengths is `rows`, the number of points, or where an argument is traced.
-    trace : the number of the trace in which it does so; in others, and other threads, it is NumPy's.
+    It is needed where the user will write traced values into them, which is guessed to be so where one of the lengths
+    is `rows`, the number of points, or where an argument is traced. trace : the number of the trace; outside of it, and
+    for dtype object, the stand-in is NumPy's function.
     """
     original = getattr(np, name)
     filled = noted(_full if name == "full" else FUNCTIONS[getattr(np, f"{name}_like")])
@@ -91,9 +98,10 @@ def _allocating(name: str, rows: int, trace: int | None) -> Callable[..., Any]:
 
 
 def _repeating(original: Any, rows: int, trace: int | None) -> Callable[..., Any]:
-    """Make the stand-in for np.tile, np.repeat or np.broadcast_to (`original`): traced where it may be written.
+    """Make the stand-in for np.tile, np.repeat or np.broadcast_to (`original`), whose answer may be traced.
 
-    That is so in the trace of this number, for an answer of floats with a length of `rows`, the number of points.
+    It is, so that traced values can be written into it, in the trace of number `trace`, if it is a float64 array with a
+    length of `rows`, the number of points. Otherwise it is NumPy's.
     """
 
     def repeat(*args: Any, **options: Any) -> Any:
@@ -197,8 +205,8 @@ def _is_users(name: str, module: Any) -> bool:
     return file.endswith(".py") and (name.startswith("sdhj.arm.") if ours else not arrays.installed(file))
 
 
-def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
-    """(globals, name) for each place at which a function may find the module numpy, under any name.
+def _names_of_numpy(function: Any) -> list[tuple[dict[str, Any], str]]:
+    """(globals, name) for each global name by which a user's function may find the module numpy.
 
     A stand-in for numpy counts as numpy, so that one trace within another replaces it, too.
     """
@@ -212,10 +220,12 @@ def _places(function: Any) -> list[tuple[dict[str, Any], str]]:
 
 @contextmanager
 def _replaced(places: list[tuple[dict[str, Any], str]], rows: int) -> Iterator[None]:
-    """A context in which `_numpy(rows)` stands for the module numpy at these places, each (globals, name).
+    """A context in which `_numpy(rows)` stands for the module numpy in some dictionaries of globals.
 
-    At its end what stood there comes back. Numba's compiler lock is held meanwhile, so that no kernel is compiled whose
-    code names numpy; other threads that compile, or trace, wait.
+    places : (globals, name) for each entry to replace, from `_names_of_numpy`; names that are gone are skipped. At the
+    end of the context the entries become what they were. rows : the number of points of the trace. Numba's compiler
+    lock is held meanwhile, so that no kernel is compiled whose code names numpy; other threads that compile, or trace,
+    wait.
     """
     with global_compiler_lock:
         new, before = _numpy(rows), [(names, name, names[name]) for names, name in places if name in names]
@@ -246,7 +256,7 @@ def points_of(count: int, rows: int) -> Traced:
 def parameter(first: int, count: int | None = None) -> Traced:
     """Parameter number `first` as a read-only traced number.
 
-    With a `count`, a traced row of so many, numbered from `first`.
+    count : if it is given, the result is a read-only traced array (count,) of the parameters from `first` on.
     """
     entries = np.array([leaf("p", first + d) for d in range(count or 1)], dtype=object)
     entries.setflags(write=False)
@@ -257,8 +267,8 @@ def rows_for(*lengths: int) -> int:
     """How many points to trace with: the least number from 3 on such that neither it nor the next one is among these
     lengths.
 
-    lengths : those of axes that a function may confuse with the number of points; both numbers of points are used
-    (`traced`).
+    lengths : those of axes that a function may confuse with the number of points. `traced` calls a function with the
+    returned number of points and with the next one.
     """
     return next(rows for rows in itertools.count(3) if not {rows, rows + 1}.intersection(lengths))
 
@@ -301,7 +311,7 @@ def traced(
     ValueError
         If its answer has another shape, is None or has truth values.
     """
-    found, places = list[list[Node]](), _places(function)
+    found, places = list[list[Node]](), _names_of_numpy(function)
     try:
         for count in (rows, rows + 1) if again else (rows,):
             answer = _traced_answer(name, function, count, arguments, places)
@@ -333,8 +343,8 @@ def traced(
 def _alike(first: Sequence[Node], other: Sequence[Node], row: int) -> bool:
     """Whether a function answers for point number `row` as for point 0, each with its own coordinates.
 
-    first, other : the nodes of the answers for point 0 and for point `row`. False, too, where either reads a third
-    point.
+    first, other : the nodes of the answers for point 0 and for point `row`, equally many. False, too, where the answer
+    for a point reads a coordinate of another one.
     """
     pairs, known = [*zip(first, other, strict=True)], dict[Node, Node]()
     for one, its in pairs:  # to which operands are added
@@ -357,13 +367,14 @@ def _traced_answer(
     arguments: Callable[[int], Sequence[Any]],
     places: list[tuple[dict[str, Any], str]],
 ) -> Any:
-    """Call a function once, as a trace of its own; the object array of nodes that it answers.
+    """Call a user's function once, as a trace of its own, and return its answer as an object array of nodes.
 
-    arguments : arguments(rows) -> its arguments. places : (globals, name), at which NumPy is replaced meanwhile. name :
-    what the function is, for messages. The thread's `state` is set for the trace and restored after it.
+    name : what the function is, for messages. rows : the number of points. arguments : arguments(rows) -> its
+    arguments. places : (globals, name) for each entry in which numpy is replaced meanwhile, from `_names_of_numpy`. The
+    thread's `state` is set for the trace and restored after it.
 
-    NotTraced where anything was refused meanwhile, even if the function caught it; the function's own exception, with a
-    note; ValueError for None and for truth values.
+    NotTraced where anything was refused meanwhile, even if the function caught it; else the function's own exception,
+    with a note that says when it was raised. ValueError for None and for truth values.
     """
     before = dict(vars(state))
     state.trace, state.refused, state.made = next(_numbers), [], 0

@@ -23,7 +23,7 @@ from sdhj.formulas.rules import RULES
 from sdhj.kernels import FloatArray
 
 ZERO_OF_ANY_SIGN = interned("const", (), -0.0)
-MOST_CHOSEN = 256  # ways to choose that are tried
+MOST_CHOSEN = 256  # variants of a node that are tried
 POINTS = 64  # at which each is tried, half of them within 1 and half within 10
 Values = Callable[[Sequence[Node]], FloatArray]  # of nodes, at some points: (nodes, points)
 
@@ -41,46 +41,46 @@ def unsigned(outputs: Sequence[Node]) -> list[Node]:
 def signs(one: Node, values: Values) -> set[float]:
     """The signs that NumPy's zeros of a node may have where the node is 0 in a whole region: a subset of {1.0, -1.0}.
 
-    Both where the sign is in doubt; empty where no region of zeros is found, and for a node with more than
-    `MOST_CHOSEN` ways to choose, of which nothing is known.
+    It has both where the sign is in doubt. It is empty where no region of zeros is found, and for a node with more than
+    `MOST_CHOSEN` variants, of which nothing is known.
 
-    values : a function that evaluates a list of nodes at random points, (nodes, points). Between the choices of its
-    operations a node is smooth, so it is 0 in a region only where one of its ways (`_ways`) is 0 at random points.
+    values : a function that evaluates a list of nodes at random points, (nodes, points). While each of its operations
+    makes one choice a node is smooth, so it is 0 in a region only where one of its `_variants` is 0 at random points.
     """
     if one.op != "const" and not any(RULES[each.op].pieces for each in ordered([one])):
         return set()
-    ways = _ways(one)
-    found = values(ways) if len(ways) <= MOST_CHOSEN else np.ones((0, 1))
+    variants = _variants(one)
+    found = values(variants) if len(variants) <= MOST_CHOSEN else np.ones((0, 1))
     zero = found == 0.0
     doubtful = any(
-        row.any() and any("kept" not in RULES[e.op].zeros for e in ordered([w]))
-        for w, row in zip(ways, zero, strict=False)
+        row.any() and any("kept" not in RULES[each.op].zeros for each in ordered([variant]))
+        for variant, row in zip(variants, zero, strict=False)
     )
     return {1.0, -1.0} if doubtful else set(np.copysign(1.0, found[zero]).tolist())
 
 
-def _ways(one: Node) -> list[Node]:
-    """What a node becomes for each combination of the choices that its operations have.
+def _variants(one: Node) -> list[Node]:
+    """The variants of a node: what it becomes for each combination of the choices that its operations have.
 
-    At most `MOST_CHOSEN` + 1 nodes. The choices: one operand of `Rule.chooses`, 0 or 1 of a truth value, the rounded
-    number or 0 of "floor", the interpolated number or 0 of a table with zeros. Nodes are neither simplified nor
-    computed.
+    At most `MOST_CHOSEN` + 1 nodes, the others being left out. The choices: one operand of `Rule.chooses`, 0 or 1 of a
+    truth value, the rounded number or 0 of "floor", the interpolated number or 0 of a table with zeros. Nodes are
+    neither simplified nor computed.
     """
     found = dict[Node, list[Node]]()
     for each in ordered([one]):
         rule = RULES[each.op]
         if rule.chooses:
-            ways = [way for place in rule.chooses for way in found[each.args[place]]]
+            variants = [variant for place in rule.chooses for variant in found[each.args[place]]]
         elif rule.truth:
-            ways = [ZERO, constant(1.0)]
+            variants = [ZERO, constant(1.0)]
         else:
             operands = product(*(found[arg] for arg in each.args))
-            ways = [
+            variants = [
                 interned(each.op, args, each.value) for args, _ in zip(operands, range(MOST_CHOSEN + 1), strict=False)
             ]
             if each.op == "floor":
-                ways.append(ZERO)
-            if each.op == "gridded" and (each.value.values == 0.0).any():
-                ways.append(ZERO_OF_ANY_SIGN if np.signbit(each.value.values[each.value.values == 0.0]).any() else ZERO)
-        found[each] = list(dict.fromkeys(ways))[: MOST_CHOSEN + 1]
+                variants.append(ZERO)
+            if each.op == "gridded" and (zero := each.value.values == 0.0).any():
+                variants.append(ZERO_OF_ANY_SIGN if np.signbit(each.value.values[zero]).any() else ZERO)
+        found[each] = list(dict.fromkeys(variants))[: MOST_CHOSEN + 1]
     return found[one]

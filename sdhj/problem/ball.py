@@ -85,11 +85,11 @@ class Ball:
         return wraps(radius)(lambda *given: np.stack([radius(*given) * one for one in share.tolist()], axis=-1))
 
     def gain(self, given: Any) -> Any:
-        """The gain of the K components along the sides: given @ `directions`, (ndim, K), for a gain (ndim, 2) of v.
+        """The gain of the K components along the sides, given @ `directions`: (ndim, K), or a function -> (M, ndim, K).
 
-        given : an array, or a function that returns (M, ndim, 2), of which a function of the same arguments is made;
-        that one raises ValueError when it is called, where there are not two columns. ValueError for a black box and
-        for arrays of other shapes.
+        given : the gain of v, an array (ndim, 2), or a function that returns (M, ndim, 2); of a function, a function of
+        the same arguments is made, which raises ValueError when its answer does not have two columns. ValueError for a
+        black box and for an array of another shape.
         """
         if isinstance(given, BlackBox):
             raise ValueError("a Ball needs a gain that can be read as a formula, or as an array")
@@ -101,10 +101,10 @@ class Ball:
         return found @ self.directions
 
     def velocity(self, given: Any) -> Any:
-        """The `given` velocity, a function that takes v (2,), as a function of the K components w along the sides: v =
-        directions @ w.
+        """The `given` velocity, a function that takes v (2,), as a function that takes w (K,), with v = directions @ w.
 
-        Another function is returned as it is.
+        w are the K components along the sides. A velocity that does not take v is returned as it is. ValueError where
+        it takes other arguments than a velocity may (`checks.arguments`).
         """
         axes = self.directions.tolist()
         return _velocity_of(given, lambda w: [sum(w[k] * one for k, one in enumerate(axis)) for axis in axes])
@@ -114,7 +114,7 @@ class Ball:
         2) of a and b.
 
         The bounds are an array (2,), or a function of the radius's arguments -> (M, 2). A velocity that does not take v
-        is returned as it is.
+        is returned as it is. ValueError where it takes other arguments than a velocity may (`checks.arguments`).
         """
         velocity = _velocity_of(given, lambda w: [w[0] * np.cos(w[1]), w[0] * np.sin(w[1])])
         if not callable(radius := self.radius):
@@ -128,10 +128,9 @@ class Ball:
         return velocity, wraps(radius)(most)
 
     def _along(self, gain: Any) -> Any:
-        """The gain (..., ndim, 2) of v, also traced, as that of the components along the sides: gain @ `directions`,
-        (..., ndim, K).
+        """The gain of the components along the sides, (..., ndim, K), from the gain (..., ndim, 2) of v, also traced.
 
-        ValueError unless it has two columns.
+        It is gain @ `directions`. ValueError unless the last axis of the gain has length 2.
         """
         if gain.shape[-1] != 2:
             raise ValueError(f"a Ball needs a gain of two columns, for its two components, got {gain.shape[-1]}")
@@ -140,9 +139,11 @@ class Ball:
 
 
 def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
-    """The `given` velocity as a function of other components w in place of v; itself where it does not take v.
+    """The `given` velocity as a function of other components w in place of v; `given` itself if it does not take v.
 
-    disturbance : w -> the list of the components of v. The function takes the same arguments, w in the place of v.
+    given : a user's velocity, a function of the state and of some of u, v and t. disturbance : a function of w that
+    returns the list of the components of v. The result takes the arguments of `given`, with w where v stood. ValueError
+    where `given` takes other arguments than a velocity may (`checks.arguments`).
     """
     takes = arguments("velocity", given)
     if "v" not in takes:
@@ -150,7 +151,9 @@ def _velocity_of(given: Any, disturbance: Callable[[Any], list[Any]]) -> Any:
     place = takes.index("v")
 
     def velocity(*found: Any) -> Any:
-        """The given velocity, called with the v that `disturbance` makes of the components in its place."""
+        """given(...) for the arguments `found`, of which the one in the position of v is w, replaced by
+        disturbance(w).
+        """
         return given(*found[:place], np.stack(disturbance(found[place])), *found[place + 1 :])
 
     return wraps(given)(velocity)

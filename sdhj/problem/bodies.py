@@ -52,9 +52,10 @@ class Part(NamedTuple):
 
 
 def part(corners: FloatArray, larger: float = 0.0) -> Part:
-    """The convex `Part` with these corners (K, 2), counter-clockwise: of two the segment, of one the point.
+    """The convex `Part` with these corners (K, 2), counter-clockwise: of two corners the segment, of one the point.
 
-    larger : by how much its edges, but not its corners, are moved outward; not for a point.
+    That the corners are convex, in this order and without repetition is not checked. larger : by how much the edges,
+    but not the corners, are moved outward, m; ignored for a point.
     """
     if len(corners) == 1:
         return Part(corners, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
@@ -68,7 +69,10 @@ def part(corners: FloatArray, larger: float = 0.0) -> Part:
 
 
 def beyond(normal: Any, offset: float) -> Part:
-    """The half-plane of all points q with normal . q >= offset, as a `Part`; normal (2,) of length 1, offset in m."""
+    """The half-plane of all points q with normal . q >= offset, as a `Part`.
+
+    normal (2,) : must have length 1, which is not checked. offset : m.
+    """
     return Part(np.zeros((0, 2)), -np.array([normal]) + 0.0, np.zeros((1, 2)), np.array([-offset]))
 
 
@@ -170,8 +174,8 @@ class Body:
 def parts_of(shape: Any) -> list[Part]:
     """The convex parts of one or more polygons of Shapely.
 
-    If they are several, their edges are moved outward by `ROUNDING` of their size, so that no point between two is lost
-    by rounding.
+    Parts without an area are left out, so the list may be empty. If there are several, the edges of all are moved
+    outward by `ROUNDING` times the size of the largest, so that rounding loses no point on an edge that two share.
     """
     whole = convex_parts(shape)
     size = max((float(np.ptp(corners)) for corners in whole), default=0.0)
@@ -193,9 +197,12 @@ def dot_turned(a: FloatArray, b: FloatArray, heading: Any) -> Any:
 def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     """Signed distance, (M,), between a part `a`, in a frame with a pose, and a part `b`, which stands still.
 
-    Where the two meet: max over all edges of the least distance of the other part's corners beyond the edge, negative.
-    Else the least distance of a corner to an edge. From a half-plane b it is that max everywhere. x, y, heading : the
-    pose of a's frame, (M,) or numbers, also traced. The module has the derivation.
+    Let s be the maximum over the edges of both parts of the least distance by which the other part's corners lie beyond
+    the edge (the module has the derivation). Where s <= 0 the parts meet, and s is the result. Elsewhere it is the
+    least distance of a corner to an edge; if b is a half-plane, s everywhere.
+
+    a : must have a corner, so be no half-plane. x, y, heading : the pose of a's frame, (M,) each or numbers, m and rad,
+    also traced.
     """
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
     for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
@@ -229,9 +236,10 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
 
 
 def relative(pose: Sequence[Any], other: Sequence[Any]) -> Sequence[Any]:
-    """The pose (x, y, heading) as seen from a frame with the pose other = (a, b, turned).
+    """The pose (x, y, heading) as seen from a frame with the pose other = (a, b, turned): a pose, too.
 
-    (R(-turned) (x - a, y - b), heading - turned); numbers, or arrays (M,), also traced.
+    (R(-turned) (x - a, y - b), heading - turned), for R(angle), which turns by an angle. Numbers or arrays (M,), also
+    traced. The heading is not wrapped.
     """
     (x, y, heading), (a, b, turned) = pose, other
     still = isinstance(turned, float)  # NumPy's functions have other bits on other processors
@@ -246,10 +254,8 @@ Footprint = Any  # vertices, a Body, or several
 def footprint_of(given: Footprint, axes: Sequence[int]) -> list[Body]:
     """The bodies of a robot from what a user gives as its footprint: a Body, several, or vertices (K, 2).
 
-    [`POINT`] for None.
-
-    axes : those of the set, of which there must be three if a body has no pose of its own; else ValueError, as for all
-    else that is given.
+    [`POINT`] for None. axes : those of the set; there must be three if a body has no pose of its own. ValueError where
+    there are not, and where `given` is neither bodies nor vertices that `Body` takes; ImportError as `Body` raises it.
     """
     if given is None:
         return [POINT]
@@ -269,9 +275,11 @@ def body_level_set(
 ) -> Callable[[FloatArray, float], FloatArray]:
     """Make the level-set function (points (M, axes), t) -> (M,) of the states in which a robot meets an obstacle.
 
-    The least signed distance between a part of the robot and one of `parts`, less the radius of both bodies. robot :
-    its bodies. parts : those of the obstacle, or of what is outside of it. obstacle : has their pose, if it moves, and
-    their radius.
+    The least signed distance (`clearance`) between a part of the robot and one of `parts`, less the radii of the two
+    bodies.
+
+    robot : its bodies, at least one. parts : the convex parts of the obstacle, or of what is outside of it; at least
+    one. obstacle : the body from which the parts' radius is taken, and their pose where it has one.
     """
 
     def level_set(points: FloatArray, t: float) -> FloatArray:
@@ -292,10 +300,13 @@ def body_level_set(
 def cover(body: Body, tolerance: float) -> FloatArray:
     """Disks (K, 3), x, y and radius in the body's frame, that cover a body and reach at most `tolerance` beyond it, m.
 
-    The body's radius is left out. The body is cut into squares, halved until one is small beside how deep it lies, or
-    beside the tolerance. Each square's middle may have a disk, as large as it is deep and a tolerance more, of which
-    `chosen` takes some. A square is covered where one disk has all its corners. ValueError where that takes more than
-    `MOST_SQUARES` squares.
+    The body's radius is left out; a point gets one disk of radius 0. Otherwise the square around the body is halved
+    into squares, until half the side of each is at most `FINE` times the depth of its middle in the body, or times the
+    tolerance. A disk about each middle, of this depth plus the tolerance as its radius, is a candidate; `chosen` takes
+    as many as cover all squares, each by one disk.
+
+    tolerance : above 0, which is not checked. ValueError where more than `MOST_SQUARES` squares are needed; ImportError
+    for a polygon without Shapely.
     """
     if len(body.vertices) == 1:
         return np.array([[*body.vertices[0], 0.0]])
@@ -321,11 +332,12 @@ def cover(body: Body, tolerance: float) -> FloatArray:
 
 
 def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatArray:
-    """Disks (K, 3), x, y and radius, some of those about the squares' middles, such that each square is covered by one
-    disk.
+    """Disks (K, 3), x, y and radius, some of those about the squares' middles, such that each square lies in one disk.
 
-    squares (M, 2) : middles. halves (M,) : half of the sides. radii (M,) : of the disks. Greedy: each time the disk is
-    taken that covers the most squares that are left.
+    Greedy: each time the disk is taken in which most of the squares that are left lie. A square that lies in no disk,
+    not even that about its own middle, is left out; those of `cover` lie in theirs.
+
+    squares (M, 2) : middles. halves (M,) : half of the sides. radii (M,) : of the disks about the middles.
     """
     corners = squares[:, None] + QUARTERS * halves[:, None, None]
     able = np.flatnonzero(radii > halves * math.sqrt(2.0))
@@ -344,7 +356,10 @@ def chosen(squares: FloatArray, halves: FloatArray, radii: FloatArray) -> FloatA
 
 
 def depths(body: Body, points: FloatArray) -> FloatArray:
-    """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,)."""
+    """How deep points (M, 2) lie in a body, in its frame and without its radius: minus the signed distance, (M,).
+
+    At most 0 for a segment or a point, which have no inside.
+    """
     if len(body.vertices) < 3:
         x, y = points.T
         return np.asarray(-clearance(part(np.zeros((1, 2))), body.parts[0], x, y, 0.0))
@@ -357,8 +372,12 @@ def map_body_level_set(
     """Make the level-set function (points (M, axes), t) -> (M,) of a robot that must not touch what a map shows as
     unsafe.
 
-    The least of distance(middle) - radius over disks that cover the robot's bodies (`cover`, with the tolerance), less
-    the bodies' radii. distance : signed distance (x, y) -> (M,) in the map's frame, whose pose (x, y, yaw) is `origin`.
+    The least of distance(middle of a disk) - radius of the disk - radius of the body, over the disks that cover the
+    robot's bodies (`cover`).
+
+    robot : its bodies, at least one. distance : signed distance (x, y) -> (M,) to what is unsafe, in the map's frame.
+    origin : the pose (x, y, yaw) of this frame, m and rad. tolerance : how far disks may reach beyond a body, m.
+    ValueError where that takes too many disks.
     """
     disks = [(body, cover(body, tolerance)) for body in robot]
 

@@ -39,8 +39,8 @@ def intervals(
     """The arrays taps, weight, between and point of `Leaves` for the intervals [x + low, x + high] around the nodes x
     of an axis.
 
-    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. The arrays are kept
-    by the arguments: do not write to them.
+    At the ends of a bounded axis intervals are clipped; around a periodic one they go once at most. Equal arguments
+    give the same arrays again, so callers must not write to them.
 
     Parameters
     ----------
@@ -82,13 +82,13 @@ def intervals(
 
 
 class Maxima(NamedTuple):
-    """Maxima of functions over boxes, some of the boxes, taken along all axes but one.
+    """Maxima of a grid function over some successive boxes, taken along all axes but one.
 
-    `of` and `split` make the last step.
+    `of` takes them along the last axis.
     """
 
-    first: int  # the number of the first of these boxes
-    number: int  # how many boxes they are
+    first: int  # the index of the first of these boxes
+    number: int  # how many boxes there are
     values: FloatArray  # (functions, *shape): the maxima along the other axes
     axis: int  # the axis of the shape along which maxima are still to be taken
     leaves: Leaves  # a leaf for each box: of which function, and over which interval of this axis
@@ -103,10 +103,11 @@ class Maxima(NamedTuple):
         return self.values.reshape(count, before, shape[self.axis], behind)
 
     def of(self, some: slice = slice(None), into: FloatArray | None = None, raised: bool = False) -> FloatArray:
-        """The maxima over some of the boxes (a slice of them), (boxes, *shape).
+        """The maxima over some of the boxes, by default all: (boxes, *shape).
 
-        into : an array of this shape, written in place and returned; by default a new one. raised : keep in `into` what
-        is greater there than the maximum.
+        some : a slice of the boxes, counted from `first`. into : an array of the result's shape, which is not checked;
+        written in place and returned. By default a new array. raised : whether what is greater in `into` than the
+        maximum stays there; only with `into`.
         """
         leaves = self.leaves._replace(parent=self.leaves.parent[some], which=self.leaves.which[some])
         shape = [len(leaves.parent), *self.values.shape[1:]]
@@ -133,7 +134,8 @@ class Level(NamedTuple):
 def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end: int) -> Leaves:
     """The `Leaves` of a level, for the nodes from `begin` to `end` (not included) of its axis of the grid, or window.
 
-    limited, dtype : as `intervals` takes them. The result is kept by the arguments.
+    limited : whether interpolation has the limited second difference, as for `intervals`, or is linear. dtype : of the
+    weights. Equal arguments give the same arrays again, so callers must not write to them.
     """
     axis, n = level.axis, grid.shape[level.axis]
     nodes, some = (grid.whole.shape[axis], (grid.first[axis], n)) if isinstance(grid, Window) else (n, None)
@@ -147,12 +149,12 @@ def _leaves(level: Level, grid: Grid, limited: bool, dtype: str, begin: int, end
 def _levels(corners: bytes, count: int, most: int) -> tuple[tuple[int, tuple[Level, ...]], ...]:
     """In which order to take maxima over boxes, axis by axis, so that boxes that agree on an axis share the work.
 
-    Returns (number of its first box, its levels) for each run of successive boxes. The axes with the fewest different
-    intervals go first. Runs are multiples of eight boxes, as long as at most `most` functions stand before the last
-    level. Kept by the arguments.
+    The boxes are cut into runs of successive boxes; the result has (index of the first box, levels) for each run. The
+    axes with the fewest different intervals go first. A run is as many times eight boxes as leave at most `most`
+    functions before the last level; the last run may be shorter. Equal arguments give the same object.
 
     corners : the bytes of (count, ndim, 2) float64, lower and upper ends around a node in the axes' units. count : how
-    many boxes.
+    many boxes, at least one. most : at least eight.
     """
     spans = np.frombuffer(corners).reshape(count, -1, 2)
     different = [len(np.unique(spans[:, axis], axis=0)) for axis in range(spans.shape[1])]
@@ -191,11 +193,11 @@ def maxima(
     ----------
     grid : Grid
     values : (*grid.shape) array
-        Read as at most `most_on_padding`.
+        Lowered to `most_on_padding` where they are read.
     low, high : (L, ndim) arrays
-        In the axes' units.
+        In the axes' units, L >= 1.
     interpolation : str
-        One of `INTERPOLATIONS`.
+        One of `INTERPOLATIONS`, which is not checked.
     wanted : sequence of slice, optional
         For each axis the nodes at which maxima are wanted; by default all.
 
@@ -221,8 +223,8 @@ def maxima(
 def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
     """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
 
-    For each node and interval `A_READ` times (4 + the nodes between, once around at most). low, high : in the axes'
-    units.
+    For each node of the grid and each interval of a level, `A_READ` times (4 + the nodes in the interval, those of the
+    axis at most). low, high : in the axes' units.
     """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, levels in _levels(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):
@@ -238,7 +240,10 @@ def maximum_over_boxes(
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] around each node x) for j from 0 to L - 1.
 
-    The maxima have the grid's shape, or that of the `wanted` nodes. Arguments as of `maxima`.
+    The maxima have the grid's shape, or that of the `wanted` nodes.
+
+    values (*shape) : at the nodes. low, high (L, ndim) : in the axes' units. interpolation : one of `INTERPOLATIONS`.
+    wanted : for each axis a slice of the nodes at which maxima are wanted; by default all.
     """
     for some in maxima(grid, values, low, high, interpolation, wanted):
         for begin in range(0, some.number, EIGHT):
@@ -249,8 +254,8 @@ def crossings(half: FloatArray) -> FloatArray:
     """Points (P, ndim) of the segment from -half to half around a node, in cells: its ends, and where it crosses planes
     of nodes.
 
-    half (ndim,) in cells. The points are ascending along the segment, without repetition, and on nodes exactly where
-    they are so up to 1e-9.
+    half (ndim,) : in cells, not all 0. The points are ascending along the segment, without repetition; coordinates
+    within 1e-9 of a whole number are rounded to it.
     """
     each = [np.arange(-math.floor(most), math.floor(most) + 1) / most for most in np.abs(half).tolist() if most > 0.0]
     shares = np.concatenate([[-1.0, 1.0], *each])
@@ -262,9 +267,11 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     """The maximum (*shape) of `values` (*shape) over x + the sum of the segments from -half to half, around each node
     x.
 
-    It is taken over one segment after another, at its `crossings`, of values that go on past walls as at the wall;
-    values past the walls are dropped at the end only. halves (K, ndim), in the axes' units. interpolation : one of
-    `INTERPOLATIONS`.
+    It is taken over one segment after another, at its `crossings`. Past a wall the values are continued by that at the
+    wall, and dropped only when all segments are done.
+
+    halves (K, ndim) : in the axes' units; those that are 0 are skipped. interpolation : one of `INTERPOLATIONS`. Values
+    are lowered to `most_on_padding` first; without segments they are returned so.
     """
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
@@ -284,7 +291,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
 def most_on_padding(grid: Grid) -> FloatArray | None:
     """What values at the nodes may be at most, (*shape): minus the distance past a safe end, +inf at nodes past none.
 
-    None where the grid has no padding. Made once for each grid.
+    None where the grid has no padding. Equal grids get the same array, which callers must not write to.
     """
     if not np.any(grid.padding):
         return None

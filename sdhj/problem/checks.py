@@ -41,10 +41,10 @@ def options_of(kind: Any) -> dict[str, Any]:
 
 
 def belonging_to(kind: Any, name: str, value: Any) -> str:
-    """Advice for an option `name` of a part of the class `kind`: "it belongs to PART=sdhj.CLASS(NAME=...)".
+    """Words on where an option `name` belongs, if a part of `kind` has it: "it belongs to PART=sdhj.CLASS(NAME=...)".
 
-    Parts are looked through at any depth. What is wrong with the value there is added to it. "" if no part has such an
-    option.
+    "" if no part has it. kind : a class of `Options`, whose parts are looked through at any depth. value : what the
+    option was given; if the part refuses it, the words go on with why.
     """
     for part in options_of(kind).values():
         inner = part.default_factory
@@ -141,7 +141,11 @@ def real_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> 
 
 
 def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -> NDArray[np.float64]:
-    """`real_array`, with a ValueError, naming it, also where a value is NaN or infinite."""
+    """A C-contiguous float64 copy of `values`, all of which must be finite.
+
+    shape : which it must have; None for any. ValueError, with the `name`, for another shape, for a NaN or an infinity,
+    and for what `real_array` refuses: booleans, complex numbers, dates and text.
+    """
     array = real_array(name, values, shape)
     if not np.isfinite(array).all():
         raise ValueError(f"{name} has a NaN or an infinity; every value must be finite")
@@ -151,7 +155,8 @@ def finite_array(name: str, values: Any, shape: tuple[int, ...] | None = None) -
 def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
     """A float64 copy of points (M, ndim), which may have NaN and infinities.
 
-    ValueError, naming it, for another shape, also for a single state (ndim,), and for what are no real numbers.
+    ValueError, with the `name`, for another shape, such as that of a single state, (ndim,), and for what are no real
+    numbers.
     """
     points = real_array(name, values)
     if points.shape[1:] != (ndim,):
@@ -160,8 +165,10 @@ def points_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
 
 
 def states_array(name: str, values: Any, ndim: int) -> NDArray[np.float64]:
-    """`points_array`, with a ValueError, naming it and the first such state, also where a coordinate is NaN or
-    infinite.
+    """A float64 copy of states (M, ndim), all of whose coordinates must be finite.
+
+    ValueError, with the `name`, for another shape, for what are no real numbers, and, with the first such state, where
+    a coordinate is NaN or infinite.
     """
     states = points_array(name, values, ndim)
     if not np.isfinite(states).all():
@@ -212,8 +219,8 @@ def sequence(name: str, value: Any) -> Any:
 def axis_numbers(axes: Any, name: str) -> tuple[int, ...]:
     """The axes of a set as a tuple of int.
 
-    ValueError, with the set's `name`, unless they are a sequence of whole numbers. Whether the grid has such axes is
-    not checked, nor whether an axis occurs twice.
+    ValueError, with the set's `name`, unless they are a sequence of whole numbers. An empty one passes; whether the
+    grid has such axes is not checked, nor whether an axis occurs twice.
     """
     given = tuple(axes) if np.iterable(axes) else (None,)
     if not all(isinstance(axis, int | np.integer) for axis in given):

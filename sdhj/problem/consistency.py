@@ -25,9 +25,10 @@ EXCUSED = 1e-9  # of the values: that is no difference
 
 
 def compared_states(grid: Grid) -> FloatArray:
-    """States on a grid at which functions are compared with what was read of them, (`COMPARED_STATES`, ndim).
+    """States on a grid at which functions are compared with the formulas read from them, (`COMPARED_STATES`, ndim).
 
-    Always the same. They are random; in the first tenth of them every coordinate is a node, an end or a zero.
+    They are drawn with a fixed seed, so a grid always has the same ones. Each coordinate of the first tenth of them is
+    that of a node, an end, or 0.0 or -0.0 if the axis has it.
     """
     rng = np.random.default_rng(0)
     states = rng.uniform(grid.lower, grid.upper, (COMPARED_STATES, grid.ndim))
@@ -39,7 +40,10 @@ def compared_states(grid: Grid) -> FloatArray:
 
 
 def compared_times(problem: Statement) -> list[float]:
-    """The six times, s, at which functions are compared with what was read of them: from 0 to after the last step."""
+    """The six times, s, at which functions are compared with the formulas read from them.
+
+    0 and 0.7 of an interval, and 0.31, 0.59, 0.83 and 1.01 of the time that all steps take.
+    """
     return [share * problem.delta for share in (0.0, 0.7)] + [
         share * problem.delta * problem.most_steps for share in (0.31, 0.59, 0.83, 1.01)
     ]
@@ -64,8 +68,9 @@ def compare_set(problem: Statement, part: TargetSet | UnsafeSet) -> None:
 def check_swept(problem: Statement, unsafe_set: UnsafeSet) -> None:
     """Raise ValueError where `swept` of an unsafe set is above its level-set function at a time of the interval.
 
-    It is looked at in `SWEPT_STATES` random states at `INSTANTS` of the interval of each step; of many steps, of at
-    most `SWEPT_STATES`. The set must have `swept`, and the problem a number of steps.
+    The two are compared, by more than `EXCUSED` of the values, in `SWEPT_STATES` states drawn with a fixed seed, at
+    `INSTANTS` of the interval of each step; of more steps than `SWEPT_STATES`, at so many of them. The set must have
+    `swept`, and the problem a number of steps.
     """
     grid, rng = problem.grid.subgrid(unsafe_set.axes), np.random.default_rng(0)
     points = rng.uniform(grid.lower, grid.upper, (SWEPT_STATES, grid.ndim))
@@ -95,9 +100,9 @@ def check_inputs(problem: Statement) -> None:
 def try_goals(problem: Sampled) -> None:
     """Raise ValueError, with the likely cause, where at no step some node is in the target and safe.
 
-    Also raised, as nodes are sampled, where a function is undefined or out of range. It ends at the first piece of the
-    grid in which there is such a node. On a grid of more than `MOST_LOOKED_AT` pieces only some are looked at, and
-    finding none is no error: whether such a problem can be solved, a solve says.
+    Also raised, as nodes are sampled, where a function is undefined or out of range. Pieces of the grid are looked at
+    in a random order with a fixed seed, up to the first that has such a node. Of more than `MOST_LOOKED_AT` pieces,
+    `DRAWN` of them are looked at, and finding no such node is then no error.
     """
     steps, target, looked = range((problem.steps or 0) + 1), problem.target, 0
     for piece in problem.grid.pieces_at_random(MOST_LOOKED_AT, DRAWN, np.random.default_rng(0)):
@@ -124,10 +129,10 @@ def try_goals(problem: Sampled) -> None:
 def check_sensing(problem: Sampled) -> None:
     """Raise ValueError where the sensing does not fit grid, inputs, delta, dynamics, ends or target.
 
-    That is: `error` has another number of axes, `rest` is no input, delay + 2 jitter is longer than delta; with jitter,
-    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or no node is in the target
-    and safe by twice the box E around the prediction. The last is not looked at where the grid does not fit into
-    memory, which a solve says.
+    That is: `error` has another number of axes; `rest` is no input; delay + 2 jitter is longer than delta; with jitter,
+    dynamics or target depend on time, or view_time is "instantaneous"; an end is "safe"; or around no node all of the
+    box of twice the half-widths E (`Statement.half_widths`) is in the target and safe. The last is not looked at where
+    the grid does not fit into memory, which a solve refuses. problem : must have a `Sensing`.
     """
     sensing, grid, delta = problem.sensing, problem.grid, problem.delta
     if isinstance(sensing.error, tuple) and len(sensing.error) != grid.ndim:

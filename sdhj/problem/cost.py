@@ -61,10 +61,11 @@ class Stated(Exception):
 
 
 class Meter:
-    """The progress of one solve, a bar: `begin`, then `tick` at will, and `tube` after avoid games and each tube.
+    """The progress of one solve, shown as a bar.
 
-    `with meter:` makes it the meter of this context, to which this module's functions `begin` and `tick` pass their
-    calls; at the end its bar is closed. The bar shows operations, or tubes where the cost is not known.
+    Who solves calls `begin` once, `tick` at will, and `tube` after the avoid games and after each tube. `with meter:`
+    makes it the meter of this context, to which this module's functions `begin` and `tick` pass their calls; at the end
+    of the context the bar is closed. The bar shows operations, or tubes where the cost is not known.
 
     Attributes
     ----------
@@ -89,7 +90,11 @@ class Meter:
     """
 
     def __init__(self, name: str, hidden: bool, most: float = math.inf, only_stated: bool = False) -> None:
-        """A meter of the method `name` that has not begun; see the class for the arguments."""
+        """A meter that has not begun.
+
+        name : of the method, before the bar. hidden : whether no bar is shown. most : operations that are allowed.
+        only_stated : whether `begin` ends the solve with `Stated`, because only the cost is asked for.
+        """
         self.name, self.hidden, self.most, self.only_stated = name, hidden, most, only_stated
         self.cost: Cost | None = None
         self.bar: Any = None
@@ -107,10 +112,10 @@ class Meter:
             self.bar.close()
 
     def begin(self, cost: Cost | None, endless: bool) -> None:
-        """Note the cost, as `cost`, and show the bar.
+        """Keep the cost in the attribute `cost`, and show the bar.
 
-        cost : None if it is not known; the bar then counts tubes. endless : whether the number of tubes is not known,
-        so that the bar has no end.
+        cost : None if it is not known; the bar then counts tubes, and nothing is refused. endless : whether the number
+        of tubes is not known, so that the bar has no end.
 
         Raises `Stated` if the meter was made for the cost only, and ValueError, with advice, if the solve would take
         more operations than are allowed.

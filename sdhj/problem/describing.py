@@ -20,9 +20,10 @@ TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "
 def described(problem: Statement) -> dict[str, Any]:
     """The problem as plain numbers, lists and text (JSON), for the head of a file.
 
-    `Statement.numbers`, "problem" (its name) and "formulas". These have the format's number; "functions", of each
-    formula its numbers of coordinates and parameters and its lines of text; "opaque", of each black box what is
-    declared of it; and "pieces", those of v's range, only where they matter and are not the default.
+    The entries of `Statement.numbers`; "problem", its name; and "formulas", with the entries "format", the version of
+    the text; "functions", {name: how many coordinates and parameters, and the lines of text} of each formula; "opaque",
+    {name: words on what is declared} of each black box; and "pieces", into how many the range of each component of v is
+    cut, only where that matters and is not the default.
     """
     functions = {}
     for name, lines in problem.texts[0].items():
@@ -45,12 +46,10 @@ def arrays_of(problem: Statement) -> dict[str, FloatArray]:
 
 
 def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
-    """SHA-256, hexadecimal, of what the head of a file says of a problem and of its arrays.
+    """SHA-256, hexadecimal, of the description of a problem and of its arrays: problems that share it have one table.
 
-    Equal digests mean equal tables.
-
-    head : `described`, of which the entries `TOLD` count, names included; an error of measurements that is stated once
-    counts as stated for each axis. arrays : `arrays_of`, by name, compared as float64.
+    head : from `described`; its entries `TOLD` count, names included. One error of measurement for all axes counts as
+    the same error given for each. arrays : from `arrays_of`, {name: array}; compared as float64.
     """
     said: dict[str, Any] = {name: head[name] for name in TOLD}
     if "error" in said["sensing"]:
@@ -64,11 +63,11 @@ def digest_of(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> str:
 
 
 def blackbox_values(problem: Statement, name: str) -> FloatArray:
-    """Values of the black box with this name in `functions`, flattened: by them a file tells it from another one.
+    """Values of a black box, flattened: by them a file tells it from another function.
 
-    It is called at the same `VALUES_KEPT` / `BOX_STEPS` random states of its axes' grid at each of `BOX_STEPS` times
-    from 0 on, evenly apart within the problem's steps; a drift or gain under another input at each time, `swept` over
-    the interval that begins then.
+    name : of the black box in `Statement.functions`. It is called at `VALUES_KEPT` / `BOX_STEPS` random states on the
+    grid of its axes, drawn with a fixed seed, at each of `BOX_STEPS` times from 0 on, evenly apart within the problem's
+    steps: a drift or gain under one input at each time, input 0 first; `swept` over [t, t + delta].
     """
     function, grid, rng = problem.black_box(name), problem.grid, np.random.default_rng(0)
     if name.startswith(("unsafe", "target", "swept")):

@@ -138,7 +138,8 @@ class Dynamics:
 
         A `velocity` in which v enters linearly is taken apart into drift and gain; otherwise the gain is None, and the
         drift also reads v. Bounds that depend on the state become 1, and the gain, or v in the velocity, is multiplied
-        by them. What was read is noted, in place, for `compare`.
+        by them. The functions and their formulas are kept with this object, in place of those of the last call, for
+        `compare`.
 
         ValueError if an array or a function does not fit, or a function cannot be read (`sdhj.NotTraced`).
         """
@@ -173,9 +174,10 @@ class Dynamics:
     def compare(self, field: "VectorField", states: FloatArray, times: Sequence[float]) -> None:
         """Raise ValueError where a user's function has other values than the formula that `read` made of it.
 
-        Compared are all functions that the last `read` has noted, at states (M, ndim), under the first input at all
-        `times`, and under each other one at one of them; with one v, from -0.5 to 0.5 over its components. field : what
-        `read` returned.
+        All functions that the last `read` kept are compared, each under input 0 at all times and under every other
+        input at one of them, with one v, whose components are evenly apart from -0.5 to 0.5.
+
+        field : what that `read` returned. states : (M, ndim). times : s, at least one.
         """
         for name, (function, formula) in self._parts.items():
             takes = arguments(name, function)
@@ -185,8 +187,9 @@ class Dynamics:
                 def called(
                     points: FloatArray, t: float, *v: float, u: FloatArray = u, one: Any = formula.shape[1:]
                 ) -> Any:
-                    """The user's function under input u at points (M, ndim), time t and the components of v, broadcast
-                    to (M, *one).
+                    """The user's function at points (M, ndim), time t and the components of v, broadcast to (M, *one).
+
+                    u : the input, and one : the shape for one point; both are those of this pass of the loop.
                     """
                     values = np.asarray(_called(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
@@ -197,8 +200,8 @@ class Dynamics:
         """The field `name` ("drift", "gain", "bounds" or "velocity") as a formula with results (L, *shape), or as a
         BlackBox.
 
-        A formula that is read from a function is noted in `_parts`, in place. Without gain and bounds there is one
-        component of v, of gain and bounds 0.
+        A formula that is read from a function is added to `_parts`, with the function. Where the user gave no gain and
+        bounds, they are 0, for one component of v.
 
         shape : of the answer for one point; None for bounds, which may have any number of components. components : how
         many v has, for a velocity.
@@ -227,7 +230,7 @@ class Dynamics:
         rows = rows_for(ndim, count, self.inputs.shape[1], components)
 
         def taken(u: FloatArray, rows: int) -> list[Any]:
-            """The arguments, those in `takes`, of a traced call under input u (m,), with so many points (rows)."""
+            """The arguments of a traced call under input u (m,), those in `takes`, for as many points as `rows`."""
             return _taken(takes, points_of(ndim, rows), u, parameter(0), parameter(1, components or 1))
 
         outputs: list[Node] = []
@@ -303,12 +306,12 @@ class VectorField:
 
     @property
     def parts(self) -> list[Any]:
-        """[drift, gain, bounds], formulas or black boxes, without a gain that is None."""
+        """[drift, gain, bounds], formulas or black boxes; [drift, bounds] where the gain is None."""
         return [part for part in (self.drift, self.gain, self.bounds) if part is not None]
 
     @cached_property
     def formulas(self) -> bool:
-        """Whether drift, gain and bounds, as far as there are any, are all formulas, none of them a black box."""
+        """Whether none of `parts` is a black box."""
         return all(isinstance(part, Formula) for part in self.parts)
 
     @cached_property
@@ -420,8 +423,8 @@ class VectorField:
 
     @cached_property
     def oblique(self) -> tuple[int, ...]:
-        """The numbers d of the components of v that move more than one axis, each of which adds a segment to the
-        velocity set.
+        """The indices d of the components of v that move more than one axis, each of which adds a segment to the
+        velocity set; ascending.
 
         () where v does not enter linearly, or gain or bounds depend on time. Of constant dynamics, pushes below 1e-12
         of the greatest do not count. Made once.
@@ -445,8 +448,8 @@ class VectorField:
     def on_axes(self, axes: Sequence[int], lower: FloatArray) -> "VectorField":
         """The dynamics of some of the axes, numbered anew in the order of `axes`.
 
-        The other coordinates are set to `lower` (ndim,). The velocities of these axes must read no other coordinate,
-        which is not checked. A black box loses its enclosure.
+        axes : those that are kept. lower (ndim,) : the values of the coordinates that are left out. The velocities of
+        these axes must read no other coordinate, which is not checked. A black box loses its enclosure.
         """
         keep = list(axes)
 
@@ -457,14 +460,17 @@ class VectorField:
             return np.stack(columns, axis=1)
 
         def some(part: Any) -> Any:
-            """Drift or gain with its components along `axes` alone, as a formula or black box of points on these.
+            """Drift or gain (`part`) with its components along `axes` alone, of points (M, len(axes)).
 
-            None stays None.
+            A formula gives a formula, a black box a black box, None gives None.
             """
             function, axis = (part.function, 1) if isinstance(part, BlackBox) else (part, 2)
 
             def of_some(points: Any, *given: Any) -> Any:
-                """The components along `axes` of the function, at points (M, len(axes)) and what it takes besides."""
+                """The components along `axes` of the part, at points (M, len(axes)).
+
+                given : what the part takes besides, as inputs and the time.
+                """
                 return function(full(points), *given).take(keep, axis)
 
             if part is None or isinstance(part, Formula):
@@ -494,28 +500,28 @@ class VectorField:
         rows = [list(one.rows) if isinstance(one, Formula) else list(map(one.under, self.inputs)) for _, one in parts]
         return dict(zip((name for name, _ in parts), rows, strict=True))
 
-    def component(self, name: str, j: int, place: int) -> Formula:
-        """One number of "drift", "gain" or "extremes" under input j as a formula; made once.
+    def component(self, name: str, j: int, index: int) -> Formula:
+        """One number of "drift", "gain" or "extremes" (`name`) under input j as a formula with one result; made once.
 
-        place : its index in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
-        black box.
+        index : of the number in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
+        black box; "gain" and "extremes" only where v enters linearly.
         """
-        known, key = self._derived, (name, j, place)
+        known, key = self._derived, (name, j, index)
         if key not in known:
             found = (self.extremes_of if name == "extremes" else self.each[name])[j]
-            known[key] = replace(found, outputs=(found.outputs[place],), shape=())
+            known[key] = replace(found, outputs=(found.outputs[index],), shape=())
         return known[key]
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
-        """Velocity under input j (an index) without a disturbance, at points (M, ndim) and time t in s: (M, ndim).
+        """Velocity under input j (an index) with v = 0, at points (M, ndim) and time t in s: (M, ndim).
 
-        Also traced.
+        Points and t may be traced. ValueError where a velocity is undefined.
         """
         still = [0.0] * self.adversaries if self.gain is None else []
         return self.each["drift"][j](points, t, *still)
 
     def gain_at(self, points: Any, j: int = 0, t: Any = 0.0) -> Any:
-        """The gain of v under input j, at points (M, ndim) and time t: (M, ndim, D).
+        """The gain of v under input j (an index), at points (M, ndim) and time t, s: (M, ndim, D).
 
         Where v does not enter linearly: by how much the velocity changes from one end of the range of each component to
         the other, the other components being 0, over the range's length; 0 where that is 0.
@@ -627,32 +633,34 @@ class VectorField:
         least, greatest = self.extremes_of[j].bounds(low, high, time)
         return least[:, 0], greatest[:, 1]
 
-    def greatest_along(self, points: FloatArray, j: int, t: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . velocity over all v for each way n, under input j at points (M, ndim) and time t: (M, K).
+    def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
+        """The greatest n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
 
-        ways (K, ndim) : the vectors n. Only where v does not enter linearly: it is the maximum over the boxes of
-        velocities of all combinations of pieces of v (`cuts`), so an upper bound. ValueError where a velocity may be
-        undefined.
+        directions (K, ndim) : the vectors n, of any length. t : the time, s. Only where v does not enter linearly. It
+        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v (`cuts`).
+        ValueError where a velocity may be undefined.
         """
         ends = self.disturbance(j, points[:1], points[:1], (t, t))
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
-        pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(ways)), -np.inf)
+        pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
             low, high = (
                 np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1)
             )
             least, most = self._with_disturbance[j].bounds(low, high, (t, t))
-            reach = (least + most) / 2 @ ways.T + (most - least) / 2 @ np.abs(ways).T
+            reach = (least + most) / 2 @ directions.T + (most - least) / 2 @ np.abs(directions).T
             found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))
         if not np.isfinite(found).all():
             self.extremes(points, j, t)  # says what is wrong
         return found
 
     def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
-        """Least and greatest v under input j in an interval of time (begin, end): (2, D).
+        """Least and greatest v under input j in an interval of time (begin, end), s: (2, D).
 
-        -+ the greatest half-widths; with `signs` (D,) the range of sign_d bounds_d, the vertex that v keeps to. low,
-        high (M, ndim) : any boxes, of which the first is read, as bounds depend on no state.
+        -+ the greatest half-widths; with `signs` the range of sign_d bounds_d.
+
+        low, high (M, ndim) : any boxes, at least one; bounds depend on no state. signs : (D,) of -1 and 1, the vertex
+        of its box that v keeps to; by default v is any.
         """
         ends = np.array(self.each["bounds"][j].bounds(low[:1], high[:1], time))[:, 0]
         if signs is not None:
@@ -676,9 +684,12 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """`range` where drift or gain is a black box, with its arguments: by what is declared, rounded outward.
+        """As `VectorField.range`, where drift or gain is a black box: bounds by what is declared, rounded outward.
 
-        Bounds of the drift + sum_d of the least and of the greatest gain_d v_d.
+        Bounds of the drift + sum_d of the least and of the greatest gain_d v_d, (M, ndim) each.
+
+        j : the input's index. low, high (M, ndim) : corners of boxes of states. time : (begin, end), s. signs : (D,) of
+        -1 and 1, the vertex of its box that v keeps to, or None. ValueError where a black box declares too little.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
         pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
@@ -688,14 +699,17 @@ class VectorField:
 
 
 def _taken(takes: Sequence[str], points: Any, u: FloatArray, t: Any, v: Any = None) -> list[Any]:
-    """Those of points, u, t and v that a function takes, in its order. takes : their names, from `arguments`."""
+    """The arguments of a call of a function that takes some of points, u, t and v: those, in the function's order.
+
+    takes : their names, from `checks.arguments`.
+    """
     known = {"points": points, "u": u, "t": t, "v": v}
     return [known[one] for one in takes]
 
 
 def _called(function: Callable[..., Any], takes: Sequence[str], *given: Any) -> Any:
-    """function(...) with those of points, u, t and v that it takes.
+    """The answer of a function that takes some of points, u, t and v.
 
-    takes : their names, in the function's order. given : points, u, t and perhaps v, in this order.
+    takes : the names of those that it takes, in its order. given : points, u, t and perhaps v, in this order.
     """
     return function(*_taken(takes, *given))

@@ -80,7 +80,7 @@ _FOUND = ContextVar[list[Finding] | None]("found", default=None)
 def findings() -> Iterator[list[Finding]]:
     """A context that collects findings: its value is a list, to which `tell` appends each one, in their order.
 
-    Of contexts within one another, only the innermost one's list gets them. Warnings are given all the same.
+    Where one context is inside another, only the list of the inner one gets them. Users are warned all the same.
     """
     found: list[Finding] = []
     token = _FOUND.set(found)
@@ -91,11 +91,11 @@ def findings() -> Iterator[list[Finding]]:
 
 
 def tell(*some: Finding | None) -> None:
-    """Warn of each finding, at the line of the user's code that called the package, and append it to the innermost list
-    of `findings`, if there is one.
+    """Warn of each finding, and append it to the list of the innermost context of `findings`, if there is one.
 
-    None among them is skipped. Where the user has turned such warnings into errors, the first one is raised, and those
-    after it are neither warned of nor appended.
+    The warning points at the line of the user's code that called the package. Arguments that are None are skipped.
+    Where the user has turned such warnings into errors, the first is appended and raised, and those after it are
+    neither warned of nor appended.
     """
     frame, level, found = sys._getframe(1), 2, _FOUND.get()
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):

@@ -84,9 +84,9 @@ class Grid:
         names: Sequence[str] | None = None,
         ends: str | Sequence[Any] | None = None,
     ) -> None:
-        """Check the arguments and write them out for each axis (`Grid`).
+        """Check the arguments, which are those of the class, and write them out for each axis.
 
-        ValueError, which names the axis, where one does not fit.
+        ValueError, with the argument and mostly the axis, where one does not fit.
         """
         ndim = len(sequence("shape", shape))
         if not 1 <= ndim <= MAX_AXES:
@@ -181,30 +181,32 @@ class Grid:
         return points.reshape(self.size, self.ndim)
 
     def window(self, first: Sequence[int], shape: Sequence[int]) -> "Grid":
-        """The consecutive nodes first[axis] to first[axis] + shape[axis] - 1 of each axis, around periodic ones, as a
-        `Window`.
+        """A `Window` of the nodes first[axis] to first[axis] + shape[axis] - 1 of each axis.
 
-        The grid itself where these are all of its nodes from 0 on. That the nodes exist is not checked.
+        On a periodic axis these may go around. The grid itself where they are all of its nodes from 0 on. That the
+        nodes exist is not checked.
         """
         return self if tuple(shape) == self.shape and not any(first) else Window(self, first, shape)
 
     def stretch(self, axis: int, first: int, count: int) -> "Grid":
-        """The `window` of `count` nodes of one axis, from the node `first` on (around a periodic axis), and all nodes
-        of the others.
+        """The `window` of `count` nodes of one axis, from the node `first` on, and of all nodes of the other axes.
+
+        On a periodic axis the nodes may go around. That they exist is not checked.
         """
         put = [(first, count) if i == axis else (0, n) for i, n in enumerate(self.shape)]
         return self.window(*zip(*put, strict=True))
 
     def continued(self, by: Sequence[int]) -> "Grid":
-        """The grid with by[axis] more nodes before the lower and behind the upper end of each axis: a `Continued`."""
+        """A `Continued` grid: by[axis] more nodes before the lower and behind the upper end of each axis, all ends
+        walls.
+        """
         return Continued(self, by)
 
     def pieces(self, axis: int = 0) -> "Iterator[Grid]":
         """Yield windows of at most `PIECE` nodes that together are the grid, in the order of its nodes.
 
-        axis : the axis along which to cut first; the windows are cut along later axes, too, where one row is too large.
-        Axes before it must have one node, as those of a row have. To sample a function piece by piece keeps its
-        intermediate results small.
+        axis : the axis along which to cut first; where one of its rows has more nodes than `PIECE`, rows are cut along
+        the next axis. Axes before `axis` must have one node, which is not checked.
         """
         rows, some = self.shape[axis], PIECE // math.prod(self.shape[axis + 1 :])
         for row in range(0, rows, max(some, 1)):
@@ -214,8 +216,8 @@ class Grid:
     def pieces_at_random(self, most: int, drawn: int, rng: np.random.Generator) -> "Iterator[Grid]":
         """Yield in a random order the windows that `pieces` yields.
 
-        If they are more than `most`, `drawn` of them instead. Those are drawn with repetition. rng : decides order and
-        choice.
+        Where there are more than `most` windows, only `drawn` of them are yielded, each drawn from all, so that one may
+        come twice. rng : decides order and choice.
         """
         axis = next(axis for axis in range(self.ndim) if math.prod(self.shape[axis + 1 :]) <= PIECE)
         some = PIECE // math.prod(self.shape[axis + 1 :])
@@ -269,17 +271,17 @@ class Grid:
 
     @cached_property
     def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        """The subgrids that `subgrid` has made, by the tuple of their axes; filled in place."""
+        """{tuple of axes: the grid that `subgrid` has made of them}, filled by it."""
         return {}
 
     @cached_property
     def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
-        """The answers that `ends_where` has given, by the tuple of fates; filled in place."""
+        """{tuple of fates: the array that `ends_where` has returned}, filled by it."""
         return {}
 
     @cached_property
     def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-        """The answers that `faces` has given, by the tuple of fates; filled in place."""
+        """{tuple of fates: the two arrays that `faces` has returned}, filled by it."""
         return {}
 
     @property
@@ -295,11 +297,10 @@ class Grid:
         return tuple(slice(low, n - high) for n, (low, high) in zip(self.shape, self.padding, strict=True))
 
     def edges(self, values: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
-        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis: two
-        arrays.
+        """Values (*shape) at the first and at the second node of every edge between neighbours along an axis.
 
-        They have one node less along the axis, and as many where it is periodic: there the last edge leads to the first
-        node. They are views, but the second one is a copy on a periodic axis.
+        Two arrays with one node less along the axis; on a periodic axis with as many, as its last edge leads to the
+        first node. They are views, but for the second array on a periodic axis, which is a copy.
         """
         if self.periodic[axis]:
             return values, np.roll(values, -1, axis)
@@ -314,7 +315,7 @@ class Grid:
         values : array of shape subgrid(axes).shape
             A function at the nodes of some axes only.
         axes : sequence of int
-            These axes, ascending.
+            These axes, ascending, which is not checked.
 
         Returns
         -------
@@ -324,7 +325,7 @@ class Grid:
         Raises
         ------
         ValueError
-            If the values have another shape than the subgrid.
+            If the values are more or fewer than the nodes of the subgrid.
 
         Examples
         --------
@@ -338,10 +339,9 @@ class Grid:
         return values.reshape([n if axis in axes else 1 for axis, n in enumerate(self.shape)])
 
     def wrapped(self, points: Any) -> Any:
-        """Points (M, ndim), also traced ones, with coordinates on periodic axes wrapped into [lower, upper): a new
-        array.
+        """Points (M, ndim), also traced ones, with coordinates on periodic axes wrapped into [lower, upper).
 
-        Where no axis is periodic, the points themselves.
+        A new array; the points themselves where no axis is periodic. The shape is not checked.
         """
         if not any(self.periodic):
             return points
@@ -401,7 +401,8 @@ class Grid:
     def ends_where(self, *fates: Fate) -> FloatArray:
         """Whether the lower and the upper end of each axis has one of these fates: (2, ndim) bool, read-only.
 
-        fates : names of fields of `End`, "fails", "holds" or "frees". False on periodic axes. Kept by the fates.
+        fates : names of fields of `End`, "fails", "holds" or "frees"; all False without any. False on periodic axes.
+        Made once for each tuple of fates.
         """
         if fates not in (cache := self._ends_where):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
@@ -411,8 +412,9 @@ class Grid:
     def faces(self, *fates: Fate) -> tuple[FloatArray, FloatArray]:
         """Coordinates of the lower and of the upper ends with one of these fates, (ndim,) each.
 
-        -inf and +inf for other ends. Where the grid has a `padding`, the end is where this begins, not where the nodes
-        end. Read-only, kept by the fates.
+        fates : "fails", "holds" or "frees"; without any, no end counts. -inf and +inf stand for ends that do not count.
+        Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, made once for
+        each tuple of fates.
         """
         if fates not in (cache := self._faces):
             low, high = self.ends_where(*fates)
@@ -428,7 +430,8 @@ class Grid:
     def to_ends(self, fate: Fate) -> FloatArray:
         """Distance from each node to the nearest end with a fate, along the end's own axis and in its unit.
 
-        Broadcasts to the grid. < 0 at nodes past the end, +inf where there is no such end.
+        fate : "fails", "holds" or "frees". The result broadcasts to the grid. It is negative at nodes past the end, and
+        +inf where the grid has no such end.
         """
         out = np.full((1,) * self.ndim, np.inf)
         for axis, (low, high) in enumerate(zip(*self.faces(fate), strict=True)):
@@ -442,9 +445,9 @@ class Grid:
         return replace(self, ends=(("wall", "wall"),) * self.ndim)
 
     def clipped(self, states: Any, *fates: Fate) -> Any:
-        """States (..., ndim), also traced ones, clipped at the ends with these fates, by default at walls ("holds").
+        """States (..., ndim), also traced ones, clipped at the ends with these fates: a new array.
 
-        A new array.
+        fates : "fails", "holds" or "frees"; by default "holds", at walls. NaN stays NaN.
         """
         low, high = self.faces(*(fates or ("holds",)))
         return np.minimum(np.maximum(states, low), high)
@@ -452,7 +455,8 @@ class Grid:
     def beyond(self, states: FloatArray, *fates: Fate) -> FloatArray:
         """Whether states (..., ndim) are past an end with one of these fates, by more than `SLACK` cells: bool (...).
 
-        False for NaN. Coordinates on periodic axes do not matter.
+        fates : "fails", "holds" or "frees"; without any, no end counts. False for NaN. Coordinates on periodic axes do
+        not matter.
         """
         (low, high), slack = self.faces(*fates), SLACK * np.array(self.spacing)
         return np.asarray(((states < low - slack) | (states > high + slack)).any(axis=-1))
@@ -493,7 +497,7 @@ class Grid:
         Raises
         ------
         ValueError
-            If the array is not of the grid's shape.
+            If the array does not fit the grid's shape.
 
         Examples
         --------

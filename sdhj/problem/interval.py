@@ -25,7 +25,7 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of ve
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
 INSTANTS = np.concatenate([[0.0], (NODES + 1) / 2, [1.0]])
 ROUNDING = 1e-12  # of pushes, relative to the greatest
-FAN, MOST_WAYS = 4, 64  # normals of planes in the plane of two axes: so many for each piece of v, and at most
+FAN, MOST_NORMALS = 4, 64  # normals of planes in the plane of two axes: so many for each piece of v, and at most
 MOST_PIECES = 4096  # of the box of v, of which hulls are made: with more, what they lead to is a box
 MOST_STEPS = 100_000  # time steps of one PDE; whatever needs more has a wrong unit
 
@@ -87,10 +87,10 @@ class Velocities:
         return sum(one.nbytes for part in parts for one in ([part] if isinstance(part, np.ndarray) else part))
 
     def steps(self, grid: Grid, duration: float, cfl: float) -> int:
-        """How many time steps the CFL condition requires for a duration in s: dt max over nodes of sum_i max|v_i| /
-        dx_i <= cfl.
+        """How many time steps of equal length dt the CFL condition requires for a duration, s; 0 where nothing moves.
 
-        ValueError if there are more than `MOST_STEPS`; 0 where nothing moves.
+        dt times the maximum over nodes of sum_i max |v_i| / dx_i is at most `cfl`. grid : on which low and high are.
+        ValueError if there are more than `MOST_STEPS`.
         """
         speed = [np.maximum(np.abs(low), np.abs(high)) for low, high in zip(self.low, self.high, strict=True)]
         # no BLAS, whose threads would compete with the kernels'
@@ -117,10 +117,10 @@ def too_fast(grid: Grid, speed: FloatArray, duration: float, count: float, what:
 
 
 def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Boxes with lower and upper corners moved towards each other by `spread` >= 0, all three arrays broadcast.
+    """The corners (low + spread, high - spread) of boxes that are made smaller by `spread` >= 0; all three broadcast.
 
-    Where less than `ROUNDING` of the spread is left between them, both corners are in the middle. low and high
-    themselves where spread is 0 everywhere.
+    Where half of what is left between the corners is at most `ROUNDING` times the spread, or negative, both are in the
+    middle. low and high themselves are returned where spread is 0 everywhere.
     """
     if not np.any(spread):
         return low, high
@@ -132,7 +132,8 @@ def narrowed(low: FloatArray, high: FloatArray, spread: FloatArray) -> tuple[Flo
 def _symmetric(axis: int, pushes: FloatArray) -> bool:
     """Whether the sum of the segments from -pushes[:, k] to pushes[:, k] is its own mirror image about an axis.
 
-    pushes (axes, K). It is so where along each direction there is as much length as along the mirrored one, up to 1e-9.
+    pushes (axes, K) : the halves of the K segments. axis : an index of their rows. It is so where along each direction
+    there is as much length as along the mirrored one, up to 1e-9.
     """
     mirrored = np.where(np.arange(len(pushes)) == axis, -1.0, 1.0)[:, None] * pushes
     lengths = np.sqrt((pushes**2).sum(axis=0))
@@ -143,9 +144,9 @@ def _symmetric(axis: int, pushes: FloatArray) -> bool:
 
 
 def by_input(inputs: FloatArray) -> Iterator[tuple[int, Any]]:
-    """Yield (j, rows) for each input j that occurs among `inputs` (M,), ascending; rows index those states.
+    """Yield (j, rows) for each input j that occurs among `inputs` (M,), indices >= 0; the j ascending.
 
-    rows : an array of indices, or slice(None) where M is 1.
+    rows : where in `inputs` it occurs, an array of indices; slice(None) where M is 1.
     """
     if len(inputs) == 1:  # without it a single run takes 1.08 of the time
         yield int(inputs[0]), slice(None)
@@ -195,8 +196,9 @@ class Interval:
         return self.dynamics.drift_at(self.grid.wrapped(states), j, t)
 
     def gain(self, states: FloatArray, inputs: FloatArray, t: float) -> FloatArray:
-        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its input (M,), an index, at time t: (M,
-        ndim, D).
+        """The gain of v (`VectorField.gain_at`) for each state (M, ndim) under its own input: (M, ndim, D).
+
+        inputs (M,) : indices. t : the time, s. States may have any coordinates on periodic axes.
         """
         points = self.grid.wrapped(states)
         if self.dynamics.shared_gain:
@@ -263,10 +265,10 @@ class Interval:
         return moved(duration, (k1 + 2 * k2 + 2 * k3 + k4) / 6)
 
     def _as_formula(self, what: tuple[Any, ...], function: Any, coordinates: int, parameters: int = 1) -> Any:
-        """A function of points (M, coordinates) and so many parameters, the time first, as one formula, to be computed
-        faster.
+        """A function as one formula, which is faster; where the dynamics have a black box, the function itself.
 
-        It is made once for the key `what` and this grid. Where the dynamics have a black box it is the function itself.
+        function : of points (M, coordinates) and `parameters` numbers, the time first. what : a key that, with this
+        grid, tells it apart from all others that are asked for; the formula is made once for each key.
         """
         if not self.dynamics.formulas:
             return function
@@ -284,11 +286,10 @@ class Interval:
         return np.moveaxis(moved + more, -1, 0)
 
     def _moves(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Where every input takes states (M, ndim) without an adversary, relative to them, by two rules: (M, L, ndim)
-        each.
+        """Displacements of states (M, ndim) under every input without an adversary, by two rules: (M, L, ndim) each.
 
-        Euler's, delta f(x, t), and the midpoint rule, delta f(x + delta f / 2, t + delta / 2), the point halfway
-        clipped at walls. begin : t. States may be traced.
+        First Euler's, delta f(x, t), then the midpoint rule, delta f(x + delta f / 2, t + delta / 2), the point halfway
+        clipped at walls. begin : t, the time at which the interval begins, s. States and begin may be traced.
         """
         moves, later = [], []
         for j in range(len(self.dynamics.inputs)):
@@ -301,22 +302,24 @@ class Interval:
         """Boxes that hold the states at the interval's end under each input and any adversary, relative to the states.
 
         Lower and upper corners, (M, L, ndim) each, or (1, L, ndim) where they are the same for all states (M, ndim).
-        Exact where velocities do not depend on the state, but larger where v is cut into pieces. Else the drift is
-        taken by the midpoint rule, the adversary's gain is that at the start, and pieces of v have the velocities
-        halfway.
+        They are widened by `wider`. Where velocities do not depend on the state they are exact, but larger where v is
+        cut into pieces. Elsewhere they are estimates: the drift is taken by the midpoint rule, the adversary's gain is
+        that at the start, and pieces of v have the velocities halfway.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)
         spread = np.abs(halves).sum(axis=0) if halves and not self.normals.size else 0.0
         return low - spread, high + spread
 
     def reaches(self, states: FloatArray, sides: FloatArray) -> FloatArray:
-        """Some of the states of `reachable_boxes` that the adversary can bring about, relative to the states: (M, L, P,
-        ndim).
+        """States in `reachable_boxes` that the adversary can bring about, one towards each point `sides` of the box.
 
-        (1, L, P, ndim) where they are the same for all states (M, ndim). sides (P, ndim), from 0 to 1 : the points of a
-        box whose corners are 0 and 1. Where components of v move several axes (`VectorField.oblique`), each is at the
-        end of its segment that lies farther from the middle in this direction. Where v is cut into pieces, the way from
-        the middle of the box to the point ends at the first plane (`normals`) that it would cross.
+        (M, L, P, ndim), relative to the states (M, ndim); (1, L, P, ndim) where they are the same for all states. sides
+        (P, ndim) : points of the unit box, from 0, the lower corner, to 1.
+
+        Where components of v move several axes (`VectorField.oblique`), it is the point of the box without their
+        segments, plus the end of each segment that lies farther out in this direction, by as large a share as the point
+        is out. Where v is cut into pieces, it is the last point on the line from the middle of the box to the point
+        that is beyond none of the planes of `normals`.
         """
         low, high, _, _, *halves = np.moveaxis(self.ahead(states), -1, 1)[..., None, :]
         points = low * (1 - sides) + high * sides
@@ -342,7 +345,7 @@ class Interval:
 
         The other K: half of each segment that a component of v which moves several axes adds to the box
         (`VectorField.oblique`); or, where there are `normals` n, the greatest n . x of the states x at the end, ndim
-        normals in each of the K, the last of which is filled up with zeros. A new array that may be written.
+        normals in each of the K, the last of which is filled up with zeros. It is a new array that may be written to.
         """
         if self.dynamics.stateless:
             return self._ahead_everywhere.copy()  # compiled look-ups take it in place of what they write
@@ -377,9 +380,9 @@ class Interval:
         """
         lasting = [self.delta - by * self.early for by in ((0.0, 0.5, 1.0) if self.early else (0.0,))]
         if (normals := self.normals).size:
-            ways = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
-            ends = [replace(self, delta=delta)._greatest_along(states, begin, ways) for delta in lasting]
-            far = np.maximum.reduce(ends) + np.abs(ways) @ (self.wider + np.zeros(self.grid.ndim))
+            directions = np.concatenate([-np.eye(self.grid.ndim), np.eye(self.grid.ndim), normals])
+            ends = [replace(self, delta=delta)._greatest_along(states, begin, directions) for delta in lasting]
+            far = np.maximum.reduce(ends) + np.abs(directions) @ (self.wider + np.zeros(self.grid.ndim))
             moved, later = self._moves(states, begin)
             terms = np.pad(far, [(0, 0), (0, 0), (0, -far.shape[2] % self.grid.ndim)])
             low, high, *more = np.split(terms, terms.shape[2] // self.grid.ndim, axis=2)
@@ -395,36 +398,39 @@ class Interval:
         """Normals, beside the axes, of the planes that bound where states may end where v is cut into pieces: (K,
         ndim), read-only.
 
-        (0, ndim) where v is not cut. In the plane of each two axes that a component moves there are `FAN` for each of
-        its pieces, at most `MOST_WAYS`, evenly apart if axes are measured in cells. The mean of v's velocities over an
-        interval lies in the hull of those of the pieces, whose greatest part along each normal is known; the more
-        pieces, the less lies between planes and hull. Made once.
+        (0, ndim) where v is not cut, and where it has more than `MOST_PIECES` pieces. In the plane of each two axes
+        that a component moves there are `FAN` normals for each of its pieces, at most `MOST_NORMALS`, evenly apart if
+        axes are measured in cells; those along an axis are left out. The mean of v's velocities over an interval lies
+        in the hull of those of the pieces, whose greatest part along each normal is known. Made once.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
         pieces = math.prod(dynamics.cuts(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
             most = max(dynamics.cuts(pair))
-            ways = min(FAN * most, MOST_WAYS)
-            for k in range(ways if most > 1 else 0):
-                if 4 * k % ways:  # not along an axis
+            count = min(FAN * most, MOST_NORMALS)
+            for k in range(count if most > 1 else 0):
+                if 4 * k % count:  # not along an axis
                     normal = np.zeros(ndim)
-                    normal[list(pair)] = np.cos(angle := 2 * np.pi * k / ways), np.sin(angle)
+                    normal[list(pair)] = np.cos(angle := 2 * np.pi * k / count), np.sin(angle)
                     found.append(normal / self.grid.spacing)
         return np.array(found).reshape(-1, ndim)
 
-    def _greatest_along(self, states: FloatArray, begin: float, ways: FloatArray) -> FloatArray:
-        """The greatest n . (x(end) - x) over all v for each way n, from states (M, ndim) under each input: (M, L, K).
+    def _greatest_along(self, states: FloatArray, begin: float, directions: FloatArray) -> FloatArray:
+        """The greatest n . (x(end) - x) over all v, for each direction n, state and input: (M, L, K).
 
-        ways (K, ndim) : the vectors n. Where velocities do not depend on the state, M is 1 in the result, which is an
-        upper bound. Else delta times the greatest velocity beyond the drift, halfway, at the begin, middle and end, is
-        added to the drift by the midpoint rule. begin : the time at which the interval begins.
+        Where velocities do not depend on the state, M is 1 in the result, which is an upper bound. Elsewhere it is the
+        displacement by the drift, by the midpoint rule, plus delta times the greatest velocity beyond the drift at the
+        point halfway: at the begin, and, if the dynamics depend on time, in the middle and at the end.
+
+        states (M, ndim). begin : the time at which the interval begins, s. directions (K, ndim) : the vectors n. Only
+        where v does not enter linearly.
         """
         dynamics, count = self.dynamics, range(len(self.dynamics.inputs))
         if dynamics.stateless:
             times = self.begin + self.delta * (NODES + 1) / 2 if dynamics.timed else np.array([self.begin])
             shares = self.delta * (WEIGHTS / 2 if dynamics.timed else np.ones(1))
             nothing = np.zeros((1, self.grid.ndim))
-            each = [[dynamics.greatest_along(nothing, j, t, ways) for t in times.tolist()] for j in count]
+            each = [[dynamics.greatest_along(nothing, j, t, directions) for t in times.tolist()] for j in count]
             return np.tensordot(shares, np.array(each), axes=(0, 1)).swapaxes(0, 1)
         instants = [begin] if not dynamics.timed else [begin, begin + self.delta / 2, begin + self.delta]
         (moved, centre), far = self._moves(states, begin), []
@@ -432,17 +438,17 @@ class Interval:
             # where the state is halfway without an adversary: velocities at the begin alone would err to first order
             points = self.grid.wrapped(self.grid.clipped(states + moved[:, j] / 2))
             beyond = [
-                dynamics.greatest_along(points, j, t, ways) - dynamics.drift_at(points, j, t) @ ways.T for t in instants
+                dynamics.greatest_along(points, j, t, directions) - dynamics.drift_at(points, j, t) @ directions.T
+                for t in instants
             ]
-            far.append(centre[:, j] @ ways.T + self.delta * np.maximum.reduce(beyond))
+            far.append(centre[:, j] @ directions.T + self.delta * np.maximum.reduce(beyond))
         return np.stack(far, axis=1)
 
     def _half_segments(self, states: Any, begin: Any) -> list[Any]:
-        """[gain_d bounds_d under each input, (M, L, ndim), for each component d in `VectorField.oblique`] at states (M,
-        ndim).
+        """Half of the segment that each component d in `VectorField.oblique` adds to the velocity, gain_d bounds_d.
 
-        It is half of the segment that the component adds to the velocity. States may be traced. begin : the time of the
-        gain.
+        A list of arrays (M, L, ndim), one for each d, at states (M, ndim) under each input; [] where there are none.
+        begin : the time at which the gain is taken, s. States and begin may be traced.
         """
         dynamics, points, count = self.dynamics, self.grid.wrapped(states), range(len(self.dynamics.inputs))
         if not dynamics.oblique:
@@ -452,13 +458,13 @@ class Interval:
         return [np.stack([gains[j][:, :, d] * bounds[j][d] for j in count], axis=1) for d in dynamics.oblique]
 
     def _corners(self, states: Any, begin: Any) -> tuple[Any, Any]:
-        """Corners of the box at the end, relative to states (M, ndim), of what the drift and the other components of v
-        add.
+        """Corners of the box of displacements by the drift and by all components of v but `VectorField.oblique`.
 
-        Lower and upper, (M, L, ndim) each; (1, L, ndim) and exact where velocities do not depend on the state. The
-        other components are all but those in `VectorField.oblique`. Else it is the drift by the midpoint rule, and
-        around it delta times the greatest deviation by v, at the begin and, if anything depends on time, in the middle
-        and at the end. begin : the time at which the interval begins. States may be traced.
+        Lower and upper, (M, L, ndim) each, of states (M, ndim) under each input; (1, L, ndim) and exact where
+        velocities do not depend on the state. Elsewhere it is the drift by the midpoint rule, and around it delta times
+        the greatest deviation by v, at the begin and, if anything depends on time, in the middle and at the end.
+
+        begin : the time at which the interval begins, s. States and begin may be traced.
         """
         dynamics = self.dynamics
         if dynamics.stateless:
@@ -495,7 +501,7 @@ class Interval:
 
     @kept
     def _constant_extremes(self) -> FloatArray:
-        """`extremes` where they do not depend on time either, made once."""
+        """`extremes` at the begin, (2, L, ndim), made once; only where velocities depend neither on state nor time."""
         return self.extremes(self.begin)
 
     def displacement_boxes(self, begin: float, end: float) -> tuple[FloatArray, FloatArray]:
@@ -514,14 +520,13 @@ class Interval:
         return low, high
 
     def segments(self, axes: Sequence[int]) -> FloatArray:
-        """Half of the segment that each component of v which moves several of these axes adds to the velocity: (L, K,
-        axes).
+        """Half of the segment that each component of v which moves several of these axes adds to the velocity.
 
-        It is gain_d bounds_d. The displacement over a time tau is that of the box less the segments' share, plus tau
-        times any point of each segment. Components that move an axis with a wall are left out unless nothing drifts
-        along it and the segments are symmetric about it: what is held at the wall may end elsewhere
-        (`_may_leave_at_wall`). K = 0 where gain or bounds depend on time, or no component couples these axes. Only
-        where velocities do not depend on the state.
+        (L, K, len(axes)), for each input and each such component d: gain_d bounds_d along `axes`. The displacement over
+        a time tau is that of the box less the segments' share, plus tau times any point of each segment. Components
+        that move an axis with a wall are left out unless nothing drifts along it and the segments are symmetric about
+        it: what is held at the wall may end elsewhere (`_may_leave_at_wall`). K = 0 where gain or bounds depend on
+        time, or no component couples these axes. Only where velocities do not depend on the state.
         """
         dynamics, own, grid = self.dynamics, list(axes), self.grid
         fixed = dynamics.gain is not None and not (dynamics.gain.timed or dynamics.bounds.timed)
@@ -537,26 +542,26 @@ class Interval:
                 oblique &= ~some[:, i].any(axis=0)
         return np.ascontiguousarray(np.swapaxes(pushes[:, :, oblique], 1, 2))
 
-    def _may_leave_at_wall(self, axis: int, place: int, pushes: FloatArray) -> bool:
+    def _may_leave_at_wall(self, axis: int, row: int, pushes: FloatArray) -> bool:
         """Whether an axis has a wall at which states may be held, and then end outside the sum of the segments
         `pushes`.
 
         So it is where something drifts along the axis, or the segments are not symmetric about it. pushes (L, axes, K)
-        : half segments, among whose axes this one is number `place`. Only where velocities do not depend on the state.
+        : half segments, of whose rows number `row` is this axis. Only where velocities do not depend on the state.
         """
         nothing, dynamics = np.zeros((1, self.grid.ndim)), self.dynamics
         if not self.grid.ends_where("holds")[:, axis].any():
             return False
         drifts = (dynamics.drift_at(nothing, j, self.begin)[0, axis] for j in range(len(dynamics.inputs)))
-        return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, place), pushes))
+        return dynamics.drift.timed or any(drifts) or not all(map(partial(_symmetric, row), pushes))
 
     @property
     def held(self) -> FloatArray:
         """Coordinates of the walls at which states may end outside the sum of segments, or past the planes of
         `normals`.
 
-        (2, ndim), lower and upper; -inf and inf for all other ends. Without planes, and without segments or where
-        velocities depend on the state, those of all walls.
+        (2, ndim), lower and upper; -inf and inf for all other ends. Where there are no planes, and either no segments
+        or velocities that depend on the state, all walls count.
         """
         dynamics, walls, axes = self.dynamics, np.array(self.grid.faces("holds")), range(self.grid.ndim)
         if self.normals.size:
@@ -569,12 +574,12 @@ class Interval:
 
     # ---- on the grid: velocity sets for the games
 
-    def _sampled(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
-        """The values at time t of a formula with one result, at the nodes of the axes that it reads.
+    def _values_at_nodes(self, formula: Formula, seen: Sequence[int], t: float) -> FloatArray:
+        """The values at time t, s, of a formula with one result, at the nodes of the axes that it reads.
 
-        Broadcasts to the subgrid of `seen`.
+        They have one node along the other axes of `seen`, so they broadcast to the subgrid of these.
 
-        seen : axes, ascending, among which are all that the formula reads.
+        formula : of states (ndim coordinates). seen : axes, ascending, among which all are that it reads; not checked.
         """
         read = [axis for axis in seen if formula.reads[0, axis]]
         if not read:
@@ -591,7 +596,9 @@ class Interval:
         """
         dynamics, everything, ndim = self.dynamics, list(range(self.grid.ndim)), self.grid.ndim
         if dynamics.formulas and dynamics.gain is not None:
-            found = [self._sampled(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)]
+            found = [
+                self._values_at_nodes(dynamics.component("extremes", j, row), everything, t) for row in range(2 * ndim)
+            ]
             return found[:ndim], found[ndim:]
         pieces = [dynamics.extremes(piece.points(), j, t) for piece in self.grid.pieces()]
         least, greatest = np.moveaxis(np.concatenate(pieces), 0, 2).reshape(2, ndim, *self.grid.shape)
@@ -630,8 +637,9 @@ class Interval:
         not couple axes, the hull of the modes' boxes has the same H and is returned instead: cheaper, with the sharper
         flux.
 
-        drift : False leaves the drift out (the moving frame); only where velocities do not depend on the state.
-        MemoryError where modes or pieces do not fit.
+        drift : False leaves the drift out, as for a game in a frame that moves with it; only where velocities do not
+        depend on the state and v enters linearly, elsewhere it is ignored. MemoryError where modes or pieces do not
+        fit.
         """
         dynamics, axes, t = self.dynamics, list(axes), self.begin if t is None else t
         if dynamics.stateless and dynamics.gain is not None:
@@ -652,7 +660,9 @@ class Interval:
         return Velocities(*hull) if sum(swayed) <= 1 and not coupled else Velocities(*hull, drift=f, gain=b)
 
     def _with_axes_read(self, axes: list[int]) -> tuple[list[int], tuple[int, ...]]:
-        """These axes and those that their velocities read, ascending, and where in this list the added ones stand."""
+        """(seen, added): these axes and those that their velocities read, ascending, and the positions in `seen` of the
+        axes that are not among `axes`.
+        """
         seen = sorted({*axes, *np.flatnonzero(self.dynamics.reads[axes].any(axis=0)).tolist()})
         return seen, tuple(i for i, axis in enumerate(seen) if axis not in axes)
 
@@ -673,7 +683,7 @@ class Interval:
         lows, highs, swayed = list[FloatArray](), list[FloatArray](), 0
         for axis in axes:
             both = (dynamics.component("extremes", j, row) for row in (axis, axis + dynamics.ndim))
-            low, high = (self._sampled(one, seen, t) for one in both)
+            low, high = (self._values_at_nodes(one, seen, t) for one in both)
             lows.append(low.min(axis=outside))
             highs.append(high.max(axis=outside))
             swayed += bool(np.ptp(low, axis=outside).any() or np.ptp(high, axis=outside).any())
@@ -732,10 +742,10 @@ class Interval:
         bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:
             for row, axis in enumerate(axes):
-                sampled[row, 0] = self._sampled(dynamics.component("drift", j, axis), seen, t)
+                sampled[row, 0] = self._values_at_nodes(dynamics.component("drift", j, axis), seen, t)
                 for d in np.flatnonzero(dynamics.pushes[j, axis]).tolist():
                     push = dynamics.component("gain", j, axis * count + d)
-                    sampled[row, 1 + d] = bounds[d] * self._sampled(push, seen, t)
+                    sampled[row, 1 + d] = bounds[d] * self._values_at_nodes(push, seen, t)
         else:
             points = self._points_of_axes(seen)
             gain = dynamics.gain_at(points, j, t)[:, axes] * bounds

@@ -60,8 +60,14 @@ def map_distance(
     """The signed distance (x (M,), y (M,)) -> (M,) to all that a map does not show as free, less a radius, and the
     map's pose.
 
-    x, y and distance are in m, in the map's frame, whose pose is the second result, (x, y, yaw). source, resolution,
-    origin, radius, name : as for `UnsafeSet.from_map`, with the errors that it names.
+    x, y and distance are in m, in the map's frame, whose pose is the second result, (x, y, yaw).
+
+    source : the path of a map server's YAML file, or a bool array (rows, columns), True where the map is occupied or
+    unknown, row 0 at the top. resolution : side of a pixel, m, and origin : (x, y) or (x, y, yaw) of the map's lower
+    left corner; both for an array only. radius : m. name : of the set, for messages.
+
+    ValueError where an argument does not fit, a file cannot be read or is invalid, no pixel is free, or there are too
+    many; MemoryError where reading does not fit; ImportError where a package of the extra `maps` is missing.
     """
     if isinstance(source, str | os.PathLike):
         if resolution is not None or tuple(origin) != (0.0, 0.0, 0.0):
@@ -90,8 +96,9 @@ def map_distance(
     del nodes
 
     def distance(x: Any, y: Any) -> Any:
-        """The table's interpolant at the nearest place on the map, less the distance to that place: (M,), m, at places
-        x, y (M,).
+        """The table's interpolant at the point of the map nearest to (x, y), less the distance to that point.
+
+        x, y : (M,) each, in the map's frame, m; also traced. Returns (M,), m.
         """
         past = [np.maximum(one - size, np.minimum(one, 0.0)) for one, size in ((x, width), (y, height))]  # 0 on the map
         return table(np.stack([x, y], axis=1)) - np.hypot(*past)
@@ -103,9 +110,11 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
     """Signed distance to blocked pixels and to what is outside the map, m, negative in them, at nodes half a pixel
     apart.
 
-    blocked (rows, columns) bool, row 0 at the top. side : that of a pixel, m. Returns (2 columns + 1, 2 rows + 1), x
-    before y, both ascending. It is the distance to the border: the nearest node that is both on a blocked square and on
-    a free one. ImportError without SciPy.
+    It is the distance to the border of the unsafe set: to the nearest node that is both on a blocked square, or at the
+    edge of the map, and on a free one.
+
+    blocked (rows, columns) : bool, row 0 at the top; some pixel must be free. side : of a pixel, m. Returns
+    (2 columns + 1, 2 rows + 1), x before y, both ascending. ImportError without SciPy.
     """
     try:
         from scipy.ndimage import binary_dilation, distance_transform_edt
@@ -134,12 +143,13 @@ def clearance(blocked: FloatArray, side: float) -> FloatArray:
 def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     """The pixels that are not free, (rows, columns) bool, the side of a pixel, m, and the origin (x, y, yaw) of a map.
 
-    path : a map server's YAML file, beside which its picture lies. As for the map server, a pixel is free if its
-    darkness (its lightness with `negate`), from 0 to 1, is below `free_thresh`. All other pixels are occupied or
-    unknown, in mode "trinary" and in mode "scale" alike, and so are pixels that are not opaque.
+    path : a map server's YAML file, which names its picture relative to its own folder. As for the map server, a pixel
+    is free if its darkness (its lightness with `negate`), from 0 to 1, is below `free_thresh`. All other pixels are
+    occupied or unknown, in mode "trinary" and in mode "scale" alike, and so are pixels that are not opaque.
 
     Warns where grey 205, which marks unknown pixels, counts as free. ValueError, with the file's name, where the file
-    or the picture cannot be read or is not what it should be; ImportError without PyYAML or Pillow.
+    or the picture cannot be read or is not what it should be; MemoryError where the picture does not fit; ImportError
+    without PyYAML or Pillow.
     """
     try:
         import yaml
@@ -248,9 +258,10 @@ def netpbm(data: bytes) -> bytes:
 
 
 def few_chunks(data: bytes) -> bytes:
-    """The bytes of a file, unchanged; ValueError for a PNG that takes long to read on purpose.
+    """The bytes of a file, unchanged; ValueError for a PNG that may have been made to take long to read.
 
-    It is one with more than `MOST_CHUNKS` chunks that hold none of its pixels, or few.
+    That is a PNG with more than `MOST_CHUNKS` chunks that hold no pixels, or less than `SHORT_CHUNK` bytes of them.
+    Files of other formats pass.
     """
     place, count = 8, 0
     while data.startswith(b"\x89PNG") and place + 8 <= len(data):
@@ -262,9 +273,9 @@ def few_chunks(data: bytes) -> bytes:
 
 
 def contents(path: Path, most: int) -> bytes:
-    """The bytes of a file; ValueError where it has more than `most`, or is no plain file, which might not end.
+    """The bytes of a file, at most `most`; ValueError where it has more, or is no plain file.
 
-    OSError where it cannot be read.
+    OSError where it cannot be read. A device or a pipe is not read, as it might not end.
     """
     if not stat.S_ISREG(os.stat(path).st_mode):
         raise ValueError("it is a folder, a device or a pipe")

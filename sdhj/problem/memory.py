@@ -25,7 +25,7 @@ def available() -> tuple[int, str] | None:
 def _of_machine() -> Iterator[tuple[int, str]]:
     """Yield (bytes, "are available") for the memory that the machine has available.
 
-    Nothing where there is no /proc/meminfo.
+    It yields nothing where there is no /proc/meminfo.
     """
     for line in _lines(Path("/proc/meminfo")):
         if line.startswith("MemAvailable"):
@@ -35,7 +35,7 @@ def _of_machine() -> Iterator[tuple[int, str]]:
 def of_process() -> Iterator[tuple[int, str]]:
     """Yield (bytes, words that name the limit) for what is left of this process's address space.
 
-    Nothing if it is not limited.
+    It yields nothing if that is not limited, or the system has no /proc/self/statm.
     """
     for line in _lines(Path("/proc/self/statm")):
         import resource  # exists on every system that has such a file
@@ -51,9 +51,10 @@ def of_control_groups(
 ) -> Iterator[tuple[int, str]]:
     """Yield (bytes left, words that name the group) for each limited control group of the process, and those above it.
 
-    Memory that the group can reclaim counts as left. A container sees its own group as the root.
+    Memory that the group can reclaim counts as left. It yields nothing where there are no groups or no limits. A
+    container sees its own group as the root.
 
-    root, groups : the folder where groups are mounted, and the file that names those of this process.
+    root : the folder where groups are mounted. groups : the file that names those of this process.
     """
     for line in _lines(groups):
         _, kinds, path = line.split(":", 2)

@@ -20,7 +20,8 @@ FINE = 4  # parts of a cell's edge, in the search for the least value in the cel
 def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
     """Values of a level-set function of points (M, ndim) at all nodes, (*grid.shape) float64, sampled piece by piece.
 
-    ValueError as of `supported`, with the set's `name`.
+    ValueError, with the set's `name`, where a value is not finite, or out of the range of single precision
+    (`supported`).
     """
     values = [supported(function, piece.points(), name) for piece in grid.pieces()]
     return np.concatenate(values).reshape(grid.shape)
@@ -29,8 +30,8 @@ def sampled_on(grid: Grid, function: Callable[[FloatArray], FloatArray], name: s
 def supported(function: Callable[[FloatArray], FloatArray], points: FloatArray, name: str) -> FloatArray:
     """The values (M,) of a level-set function at points (M, ndim), after a check that single precision can hold them.
 
-    ValueError, with the set's `name`, where one is not finite, above `LARGEST` in magnitude, or so small that it would
-    become 0.
+    ValueError, with the set's `name`, where a value is not finite, above `LARGEST` in magnitude, or below `SMALLEST`
+    and not 0, so that it would become 0. There must be at least one point.
     """
     values = function(points)
     if not (finite := np.isfinite(values)).all():  # not of values at one time, which say so themselves
@@ -64,7 +65,8 @@ def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
 def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
     """For each node (or cell) the value at the one that is `by` further along an axis: a new array.
 
-    by : negative for the other way. Around a periodic axis; beyond the end of a bounded one it is `past`.
+    by : how many nodes, not 0, negative for the other direction; on a bounded axis fewer than it has. On a periodic
+    axis neighbours go around; past the end of a bounded one the value is `past`.
     """
     out = np.roll(values, -by, axis)
     if not grid.periodic[axis]:
@@ -76,8 +78,8 @@ def beside(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> F
 def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
     """The largest |value| of a level-set function of points at the corners of a grid; for a window, of the whole grid.
 
-    What counts as rounding is relative to this, so that neither the unit nor the cut of the grid makes a difference. 1
-    where all values are 0 or undefined.
+    Undefined and infinite values count as 0; the result is 1 where all are 0. What counts as rounding is relative to
+    this, so that neither the function's unit nor a window makes a difference.
     """
     corners = _corners(getattr(grid, "whole", grid))
     return float(np.abs(np.nan_to_num(function(corners), posinf=0.0, neginf=0.0)).max()) or 1.0
@@ -85,8 +87,9 @@ def size_of(grid: Grid, function: Callable[[FloatArray], FloatArray]) -> float:
 
 @lru_cache(maxsize=16)
 def _corners(grid: Grid) -> FloatArray:
-    """The 2^ndim corners of a grid, the first and the last nodes of its axes: (2^ndim, ndim), read-only, kept by the
-    grid.
+    """The 2^ndim corners of a grid, the first and the last nodes of its axes: (2^ndim, ndim), read-only.
+
+    Equal grids get the same array.
     """
     ends = [grid.nodes(axis)[[0, -1]] for axis in range(grid.ndim)]
     return read_only(np.stack([one.ravel() for one in np.meshgrid(*ends, indexing="ij")], axis=1))
@@ -95,11 +98,13 @@ def _corners(grid: Grid) -> FloatArray:
 def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     """Values (*grid.shape) of an unsafe set, made negative at all nodes where they are <= 0, as G is closed.
 
-    A new array. A node on the boundary gets minus `ON_BOUNDARY`. A function that is 0, up to `HAIR`, in the whole set
-    (an unsigned distance, a positive part, 1 - occupancy) does not say where between two nodes the set ends. It is
-    therefore extrapolated into the set with its slope just outside, which puts the boundary of a distance where it
-    belongs. If the slope at the set is steeper than before, as where the function jumps or is cut off, the set is
-    assumed to end next to the outer node. The value at a node depends on those up to `AROUND` nodes away.
+    The result is a new array; values above 0 stay as they are. A node on the boundary gets minus `ON_BOUNDARY`.
+
+    A function that is 0, up to `HAIR`, in the whole set (an unsigned distance, a positive part, 1 - occupancy) does not
+    say where between two nodes the set ends. It is therefore extrapolated into the set with its slope just outside,
+    which puts the boundary of a distance where it belongs. If the slope at the set is steeper than before, as where the
+    function jumps or is cut off, the set is assumed to end next to the outer node. The value at a node depends on those
+    up to `AROUND` nodes away.
 
     size : of the function, from `size_of`; `ON_BOUNDARY` and `HAIR` are shares of it.
     """
@@ -142,7 +147,7 @@ def _values_beyond(grid: Grid, values: FloatArray, at: tuple[FloatArray, ...], a
     """Values (K,) at the nodes that are `by` nodes further along an axis than the K nodes `at`; NaN past a bounded end.
 
     values : (*grid.shape). at : an index array (K,) for each axis, as np.nonzero gives. by : negative for the other
-    way. Around periodic axes.
+    direction. On a periodic axis nodes go around.
     """
     n, moved = grid.shape[axis], at[axis] + by
     found = values[(*at[:axis], moved % n, *at[axis + 1 :])]

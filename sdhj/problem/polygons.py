@@ -17,10 +17,10 @@ ROUNDING = 1e-12  # of the size of a polygon: or a point on an edge of two parts
 
 
 def outline(vertices: Any) -> Any:
-    """The simple polygon of Shapely with these vertices (K, 2), in either direction, counter-clockwise and without
-    repeated ones.
+    """The polygon with these vertices (K, 2), as a simple polygon of Shapely, counter-clockwise.
 
-    ValueError where they have another shape, or where edges meet or there is no area; ImportError without Shapely.
+    vertices : in either direction, K >= 3; a vertex that equals the one before it is dropped. ValueError for another
+    shape, for values that are not finite, and where edges meet or there is no area; ImportError without Shapely.
     """
     try:
         import shapely
@@ -36,8 +36,9 @@ def outline(vertices: Any) -> Any:
 
 
 def triangles(shape: Any) -> list[FloatArray]:
-    """[corners (K, 2), counter-clockwise] of the triangles that a polygon of Shapely is cut into, or of itself if it is
-    convex.
+    """The triangles that a polygon of Shapely is cut into, as a list of their corners (3, 2), counter-clockwise.
+
+    Of a convex polygon the list has the corners (K, 2) of the polygon itself alone. Holes are left out.
     """
     import shapely
 
@@ -46,18 +47,21 @@ def triangles(shape: Any) -> list[FloatArray]:
 
 
 def corners_of(shape: Any) -> FloatArray:
-    """The corners (K, 2) of a polygon of Shapely, counter-clockwise."""
+    """The corners (K, 2) of the outer ring of a polygon of Shapely, counter-clockwise, the first not repeated at the
+    end.
+
+    Holes are ignored. shape : a shapely.Polygon of some area.
+    """
     import shapely
 
     return np.array(shapely.orient_polygons(shape).exterior.coords[:-1])
 
 
 def convex_parts(shape: Any) -> list[FloatArray]:
-    """[corners (K, 2), counter-clockwise] of a few convex polygons that together are `shape`, one or more polygons of
-    Shapely.
+    """A few convex polygons that together are `shape`, as a list of their corners (K, 2), counter-clockwise.
 
-    They are triangles, of which two are joined as long as their hull is no larger than both; parts without an area are
-    left out.
+    shape : one or more polygons of Shapely, also with holes; parts without an area are left out. It is cut into
+    triangles, of which two are joined as long as their hull is no larger than both, up to the share `ROUNDING`.
     """
     import shapely
 
@@ -76,7 +80,10 @@ def convex_parts(shape: Any) -> list[FloatArray]:
 
 
 def around(shape: Any) -> Any:
-    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as polygons of Shapely."""
+    """What lies in the bounding box of a polygon of Shapely, but not in the polygon, as one geometry of Shapely.
+
+    It consists of any number of polygons, of none for a polygon that is its own bounding box.
+    """
     import shapely
 
     return shapely.difference(shapely.box(*shape.bounds), shape)
@@ -86,7 +93,7 @@ def polygon_level_set(vertices: FloatArray, radius: float) -> Callable[[FloatArr
     """Level-set function (points (M, 2), t) -> (M,) of a polygon with vertices (K, 2) that is enlarged by a radius, m.
 
     Signed distance to the polygon, negative inside, less the radius; t does not matter. ValueError where the vertices
-    go around no simple polygon; ImportError without Shapely.
+    go around no simple polygon, or the radius is negative; ImportError without Shapely.
     """
     shape = outline(vertices)
     corners, parts, radius = corners_of(shape), triangles(shape), number("radius", radius, least=0.0)

@@ -58,6 +58,8 @@ class ReachAvoidProblem(Sampled):
     view_time : {"swept", "sampled", "instantaneous"}
         How a moving unsafe set enters the game of one interval (Sec. 5.4): as a static set that contains it at all
         times (safe), as the union of 20 samples, as in the paper (not safe), or as it is at each time.
+    name : str
+        One line of text, for messages and files.
     recipe : mapping, optional
         {"builder": name, "arguments": {...}} from which a saved table rebuilds its problem; set by the case studies.
     sensing : Sensing
@@ -107,7 +109,8 @@ class ReachAvoidProblem(Sampled):
         """Read the functions, and check that all parts fit one another (`sdhj.problem.consistency`).
 
         Fields are replaced by what is made of them: dynamics by a `VectorField`, a target of None by `ANYWHERE`,
-        numbers by float and int. ValueError where something does not fit.
+        numbers by float and int. Functions are called at some states and times, and the target and unsafe sets are
+        sampled at nodes. ValueError where something does not fit, NotTraced where a function cannot be read.
         """
         self._check_parts()
         option("view_time", self.view_time, VIEW_TIMES)
@@ -151,10 +154,11 @@ class ReachAvoidProblem(Sampled):
             check_sensing(self)
 
     def _check_parts(self) -> None:
-        """Check the types of the fields, and that there is something to do; ValueError otherwise.
+        """Check the types of the fields but delta, steps and view_time, and that there is a target or a danger.
 
-        `__post_init__` calls it first. In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the
-        recipe read-only.
+        In place, a target of None becomes `ANYWHERE`, the unsafe sets a tuple, and the recipe read-only. ValueError
+        where a type is wrong, where there is neither a target, an unsafe set nor an unsafe end, and for a target with
+        "safe" ends.
         """
         if not (isinstance(self.name, str) and self.name.isprintable()):
             raise ValueError(f"name must be text in one line, without control characters, got {self.name!r}")

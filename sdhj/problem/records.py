@@ -42,7 +42,7 @@ from sdhj.problem.checks import finite_array, number, whole
 from sdhj.problem.interval import Interval
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
-from sdhj.problem.steepness import growth_bound, rates
+from sdhj.problem.steepness import growth_bound, lipschitz_bounds
 
 CORRECTIONS = 4  # of finding the push that explains a sample: each leaves an error that is dt times smaller
 SAME_INPUT = 1e-6  # an input of the problem and one of a record, relative to the largest
@@ -131,13 +131,21 @@ def bounds_from_records(
         In place of `error`: a better sensor's records, at the same times. How far the records are from them is the
         error, and the pushes are those of the better states.
     confidence : float
-        Of all bounds that are found together.
+        With which all bounds that are found hold together, above 0 and below 1.
+
+    Returns
+    -------
+    RecordedBounds
+        Bounds of the disturbance and of the measurement error, and what the model does not explain.
 
     Raises
     ------
     ValueError
-        If an argument does not fit, if v does not enter the velocity linearly, or if nothing in the records tells a
-        component of v from the others.
+        If an argument does not fit, if not just one of error, rest and better is given, if v does not enter the
+        velocity linearly, if a recorded input is none of the problem's, or if nothing in the records tells a component
+        of v from the others.
+    OSError
+        If a file cannot be read.
 
     Examples
     --------
@@ -183,10 +191,11 @@ def bounds_from_records(
 
 
 def _peaks(pushes: FloatArray, counts: list[int]) -> FloatArray:
-    """The largest push of each record, (n, D), at least 0.
+    """The largest push of each record, (n, D), or 0 where that is larger.
 
     pushes (rows, D) : of all records, one behind the other, -inf where nothing tells a component of v from the others.
-    counts : how many rows each record has. ValueError where a component is -inf in all rows of all records.
+    counts : how many rows of `pushes` each record has, at least one. ValueError where a component is -inf in all rows
+    of all records.
     """
     peaks = np.maximum.reduceat(pushes, np.cumsum([0, *counts[:-1]]), axis=0)
     if (untold := peaks.max(axis=0) < 0).any():
@@ -219,10 +228,12 @@ def _measured(
 ) -> tuple[list[FloatArray], FloatArray]:
     """The records whose states are nearest the true ones, and the bound (ndim,) on the error of measurement.
 
-    The states are those of `better` where it is given, else of `tables`, (T, 1 + ndim or more) each. The error is that
-    of `tables` against `better`, half of what the record `rest` ranges over, or `error` as given; each bound that is
-    found is exceeded with probability `miss`. Just one of error, rest and better is not None. ValueError where `better`
-    or `rest` does not fit.
+    tables : the records, (T, 1 + ndim + m) each. Just one of error, rest and better, which `bounds_from_records`
+    explains, is not None. With `better`, the records are those of the better sensor, and the error is by how much
+    `tables` differ from them. Otherwise they are `tables`; the error is half of what the record `rest` ranges over, or
+    `error` as given. miss : the probability with which each bound that is found may be exceeded.
+
+    ValueError where error, rest or better does not fit; OSError where a file cannot be read.
     """
     ndim = problem.grid.ndim
     if better is not None:
@@ -270,7 +281,7 @@ def _record(name: str, given: Any, columns: int, wider: bool = False) -> FloatAr
 
 
 def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) -> FloatArray:
-    """one - other, states (M, ndim) each, on periodic axes the short way round: (M, ndim)."""
+    """one - other for states (M, ndim) each, on a periodic axis at most half a turn in magnitude: (M, ndim)."""
     grid, off = problem.grid, one - other
     turn = np.where(grid.periodic, np.array(grid.upper) - grid.lower, np.inf)
     return off - np.where(grid.periodic, turn, 0.0) * np.round(off / turn)
@@ -279,17 +290,16 @@ def _difference(problem: ReachAvoidProblem, one: FloatArray, other: FloatArray) 
 def _pushes(
     problem: ReachAvoidProblem, tables: list[FloatArray], error: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The pushes of all samples, what errors of measurement may add to them, and by how much no push explains a state.
+    """The pushes of all samples, what errors of measurement may add to them, and what no push explains.
 
-    (|v|, (T, D); the errors' share of it, (T, D); the distance on each axis, (T, ndim)), for T = sum(T_i - 1) samples.
-
-    tables : records (T_i, 1 + ndim + m), whose samples stand one record behind the other in the results. error (ndim,)
-    : of their states.
+    Three arrays, of T = sum(T_i - 1) samples, one record behind the other: |v|, (T, D); by how much errors may have
+    changed it, (T, D); and on each axis the distance of the measured state from all that a push and errors explain,
+    (T, ndim). tables : records (T_i, 1 + ndim + m), T_i >= 2. error (ndim,) : the largest of their states.
 
     v solves y_{i+1} = flow(y_i, u_i, v; dt) by `CORRECTIONS` steps of Newton's method with the pseudoinverse B^+ of the
-    gain; |v| is -inf where the gain does not tell a component from the others. Errors may be |B^+| (e + w(dt)) / dt,
-    with w at the longest dt. What is unexplained by less than `INTEGRATED` of an axis counts as 0. ValueError for an
-    input that the problem does not have.
+    gain; |v| is -inf where the gain does not tell a component from the others. Errors may change it by |B^+| (e +
+    w(dt)) / dt, with w at the longest dt. A distance of less than `INTEGRATED` of an axis counts as 0. ValueError for
+    an input that the problem does not have.
     """
     ndim, D = problem.grid.ndim, problem.dynamics.adversaries
     before, after = (np.concatenate([one[part] for one in tables]) for part in (slice(-1), slice(1, None)))
@@ -307,7 +317,7 @@ def _pushes(
             left[rows] = _difference(problem, after[rows, 1 : 1 + ndim], ends)
             v[rows] += np.einsum("mdi,mi->md", inverse, left[rows]) / spans[rows]
     inverse, longest = np.linalg.pinv(gain), float(spans.max())
-    slope, _, jumps = rates(problem.grid, problem.dynamics, float(times.max()), longest)
+    slope, _, jumps = lipschitz_bounds(problem.grid, problem.dynamics, float(times.max()), longest)
     blur = error + growth_bound(slope, jumps, error, longest)
     told = np.abs(inverse @ gain - np.eye(D)).max(axis=2) < SAME_INPUT
     beyond = np.abs(left) - np.abs(np.eye(ndim) - gain @ inverse) @ blur
@@ -316,9 +326,10 @@ def _pushes(
 
 
 def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
-    """The index of the problem's input that each recorded one is, (T, m) -> (T,).
+    """The index (T,) of the problem's input that is nearest to each recorded input, given (T, m).
 
-    ValueError where one differs from all of them by more than `SAME_INPUT` of the largest, or of 1.
+    ValueError where a recorded input differs from all of the problem's by more than `SAME_INPUT` times the largest
+    |number| in these, or times 1 if that is larger.
     """
     distances = np.abs(given[:, None] - problem.inputs).max(axis=2)
     if (odd := distances.min(axis=1) > SAME_INPUT * max(1.0, np.abs(problem.inputs).max())).any():
@@ -332,10 +343,11 @@ def _indices(problem: ReachAvoidProblem, given: FloatArray) -> FloatArray:
 def _flow(
     interval: Interval, states: FloatArray, inputs: FloatArray, v: FloatArray, t: float, spans: FloatArray
 ) -> FloatArray:
-    """Where the model leads from states (M, ndim) at time t, s, within spans (M, 1), s: (M, ndim).
+    """Where the model leads from states (M, ndim) at time t, s, after the durations spans (M, 1), s: (M, ndim).
 
-    Exact for constant velocities, else by `STRIDES` Runge-Kutta steps of order 4. inputs (M,) : indices. v (M, D) :
-    constant. Walls are ignored. Where the velocity depends on time, M must be 1.
+    Exact for constant velocities, else by `STRIDES` Runge-Kutta steps of order 4. inputs (M,) : indices, and v (M, D),
+    both constant in the span; that v is within its bounds is not checked. Walls are ignored. Where the velocity depends
+    on time, M must be 1.
     """
 
     def velocity(q: FloatArray, after: float) -> FloatArray:

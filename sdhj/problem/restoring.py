@@ -19,10 +19,10 @@ from sdhj.problem.statement import LAYOUT
 
 
 def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
-    """The tables that formulas look up, in the order in which lines of text refer to them: a file's arrays "tables/0",
-    "tables/1", ...
+    """The tables that formulas look up, in the order in which lines of text refer to them.
 
-    They are made read-only in place, so that formulas share them.
+    arrays : those of a file, {name: array}; of these "tables/0", "tables/1", ... are returned, and made read-only in
+    place, so that formulas share them. KeyError where one is missing before the last.
     """
     found = {int(name.split("/")[1]): values for name, values in arrays.items() if name.startswith("tables/")}
     for values in found.values():
@@ -31,11 +31,12 @@ def tables_of(arrays: Mapping[str, FloatArray]) -> list[FloatArray]:
 
 
 def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> ReachAvoidProblem:
-    """The problem that the head of a file describes, made and checked as a new one.
+    """The problem that a file describes, made and checked as a new one.
 
-    head : what `described` writes, once `sdhj.table.files` has made grid and sensing objects and inputs an array; with
-    "recipe". tables : those that its formulas look up, from `tables_of`. ValueError if it has black boxes, another
-    format, or is not such a head.
+    head : the file's description, as `describing.described` writes it, but with "grid" as a Grid, "sensing" as a
+    Sensing, "inputs" as an array, and an entry "recipe" besides (`sdhj.table.files` makes them so). tables : those that
+    its formulas look up, from `tables_of`. ValueError if it has black boxes, formulas of another format, or is not such
+    a description.
     """
     formulas = head["formulas"]
     if formulas["format"] != FORMAT:
@@ -62,18 +63,22 @@ def problem_from(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> Reach
 
 
 def sets_in(head: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The entries of a head's sets by the names of their formulas: {"target": ..., "unsafe 0": ..., ...}."""
+    """The entries in head["sets"] by the names of their formulas: {"target": ..., "unsafe 0": ..., ...}.
+
+    head : a file's description, as `describing.described` writes it. Without a target there is no "target".
+    """
     unsafe = [one for one in head["sets"] if one["kind"] != "target"]
     target = [one for one in head["sets"] if one["kind"] == "target"]
     return dict(zip(["target"], target, strict=False)) | {f"unsafe {i}": one for i, one in enumerate(unsafe)}
 
 
 def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[str, Formula]:
-    """{name: Formula} of a head.
+    """The formulas that a file describes, {name in `Statement.functions`: Formula}.
 
-    ValueError where one has other coordinates, parameters or results than its name says, or cannot be read.
+    Formulas with a name that no part of the problem has are left out. ValueError where a formula has other coordinates,
+    parameters or results than its name says, or cannot be read.
 
-    head, tables : as of `problem_from`. Formulas with a name that no part of the problem has are left out.
+    head : the file's description, with "grid" as a Grid and "inputs" as an array. tables : from `tables_of`.
     """
     functions, count, ndim = head["formulas"]["functions"], len(head["inputs"]), head["grid"].ndim
     components = (len(functions["bounds"]["lines"][-1].split()) - 1) // count
@@ -94,10 +99,11 @@ def formulas_in(head: Mapping[str, Any], tables: Sequence[FloatArray]) -> dict[s
 def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], problem: ReachAvoidProblem) -> str:
     """In words, how a problem differs from what a file describes, by more than rounding; "" if it does not.
 
-    head, arrays : those of the file, the head read as for `problem_from`. Must be equal: delta, steps, view_time,
-    sensing, the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas.
-    To 1e-12, for another machine's rounding, must agree: constants and tables of formulas (`sdhj.formulas.text.alike`),
-    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the head's formulas
+    head : the file's description, with "grid" as a Grid, "sensing" as a Sensing and "inputs" as an array. arrays : the
+    file's, {name: array}, tables and values of black boxes among them. Must be equal: delta, steps, view_time, sensing,
+    the grid, names, sets, the number of pieces of v's range where it matters, and the structures of formulas. Must
+    agree to 1e-12, for another machine's rounding: constants and tables of formulas (`sdhj.formulas.text.alike`),
+    inputs, and the values of black boxes, which are called for them (`near`). ValueError where the file's formulas
     cannot be read.
     """
     pairs: dict[str, Any] = {n: (head[n], getattr(problem, n)) for n in ("delta", "steps", "view_time")}
@@ -125,8 +131,8 @@ def what_differs(head: Mapping[str, Any], arrays: Mapping[str, FloatArray], prob
 
 
 def near(one: FloatArray, other: FloatArray) -> bool:
-    """Whether two arrays have one shape, and differ in each column by at most `CLOSE` of the largest |number| of
-    `other` there.
+    """Whether two arrays have one shape, and differ in each column by at most `CLOSE` of the largest |number| in that
+    column of `other`; a one-dimensional array is one column.
     """
     most = np.abs(other).max(axis=0, initial=0.0)
     return one.shape == other.shape and bool((np.abs(one - other) <= CLOSE * most).all())

@@ -23,11 +23,11 @@ PADDING = 4  # nodes past a safe end on the grid of the games: the widest stenci
 
 @dataclass(frozen=True)
 class Sampled(Statement):
-    """A problem whose functions are asked at the nodes of its grid (`sample`, `goal`, `unsafe_at`), or at any state
-    (`..._value`).
+    """A problem whose functions are evaluated at the nodes of its grid, or at any state without interpolation.
 
-    At a state they are evaluated without interpolation. `on` is the problem on a window of its grid, `padded` the one
-    on the games' grid. Samples of sets that do not move are kept until `forget_samples`.
+    At nodes by `sample`, `goal`, `target_at`, `unsafe_at` and `unsafe_over`; at states by `target_value`,
+    `unsafe_value` and `unsafe_along`. `on` is the problem on a window of its grid, `padded` that on the games' grid.
+    Samples of sets that do not move are kept until `forget_samples`.
     """
 
     @cached_property
@@ -45,9 +45,7 @@ class Sampled(Statement):
         wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
-            """The unsafe set whose level-set function, and `swept`, have past safe ends the values that they have at
-            the end.
-            """
+            """The unsafe set whose level-set function, and `swept` if it has one, do not change past safe ends."""
             ends, swept = grid.subgrid(unsafe_set.axes).faces("frees"), unsafe_set.swept
             return replace(
                 unsafe_set, level_set=unsafe_set.level_set.clipped(*ends), swept=swept and swept.clipped(*ends)
@@ -59,7 +57,8 @@ class Sampled(Statement):
     def on(self, grid: Grid) -> "Sampled":
         """The problem on a window of its grid, an `OnWindow`, without new checks; itself for its own grid.
 
-        Half-widths, error growth and speeds stay those of the whole grid.
+        grid : a window of `self.grid`, which is not checked. `half_widths`, `error_growth` and `Interval.speeds` stay
+        those of the whole grid (`OnWindow.interval` says where speeds do not).
         """
         if grid is self.grid:
             return self
@@ -73,23 +72,24 @@ class Sampled(Statement):
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of these axes, float64.
 
-        ValueError, with the set's `name`, where one is not finite or out of the range of single precision.
+        ValueError, with the set's `name`, where a value is not finite or out of the range of single precision.
         """
         return sampled_on(self.grid.subgrid(axes), function, name)
 
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
-        """g of one unsafe set at time t, s, at the nodes of the subgrid of its axes, made `closed`; read-only.
+        """The level-set function g of one unsafe set at time t, s, at the nodes of its axes' subgrid; read-only.
 
-        A set that does not move is sampled once, whatever t is.
+        Made `nodes.closed`, and according to the set's `sampling`. A set that does not move is sampled once; t is then
+        ignored. ValueError where a value is not finite or out of the range of single precision.
         """
         return self._once(unsafe_set, lambda: self._sampled(unsafe_set, lambda points: unsafe_set.level_set(points, t)))
 
     def _once(self, part: TargetSet | UnsafeSet, sample: Callable[[], FloatArray]) -> FloatArray:
-        """The samples of a set, read-only: `sample()`, called each time for a set that moves, and once for one that
-        does not.
+        """The samples of a set, read-only, from sample(), which for a set that does not move is called once.
 
-        Those of a formula are shared by all problems that have this set on the same grid, as long as one of them keeps
-        them; those of a black box are this problem's alone.
+        part : the set. sample : a function without arguments, called each time if the set moves. Samples of a formula
+        are shared by all problems that have this set on the same grid, as long as one of them keeps them; those of a
+        black box are this problem's alone.
         """
         if part.moving:
             return read_only(sample())
@@ -102,16 +102,19 @@ class Sampled(Statement):
         return self._static[level_set, *how]
 
     def forget_samples(self) -> None:
-        """Let go, in place, of the samples of sets that do not move; they are taken anew when they are asked for."""
+        """Drop the samples that this problem keeps, of sets that do not move; when needed they are taken anew."""
         self._static.clear()
 
     def unsafe_over(
         self, unsafe_set: UnsafeSet, t0: float, t1: float, *, axes: Sequence[int] = (), view_time: str | None = None
     ) -> FloatArray:
-        """g of one unsafe set over [t0, t1], s (`UnsafeSet.over`), at the nodes of the subgrid of its axes; read-only.
+        """One level-set function of an unsafe set for all of [t0, t1], s (`UnsafeSet.over`), at nodes; read-only.
 
-        It is made `closed`. axes : others among which the set's are, ascending, to whose subgrid the values are
-        broadcast. view_time : by default the problem's.
+        Made `nodes.closed`, and according to the set's `sampling`; of shape subgrid(axes).shape.
+
+        axes : ascending, with all of the set's among them; by default the set's. view_time : one of `VIEW_TIMES`, by
+        default the problem's. ValueError where a value is not finite or out of the range of single precision, or a
+        black box declares too little.
         """
         axes, view_time = tuple(axes) or unsafe_set.axes, view_time or self.view_time
         swept = partial(unsafe_set.over, t0=t0, t1=t1, view_time=view_time)
@@ -120,10 +123,11 @@ class Sampled(Statement):
         return np.broadcast_to(grid.lift(values, [axes.index(axis) for axis in unsafe_set.axes]), grid.shape)
 
     def _sampled(self, unsafe_set: UnsafeSet, function: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """A function of points of an unsafe set at the nodes of the subgrid of its axes, according to its `sampling`.
+        """The values of a level-set function at the nodes of an unsafe set's subgrid, according to its `sampling`.
 
-        "nodes": the values, made `closed`. "steep": the same, times `STEEP` inside the set. "cell": the least in the
-        cells around each node. On a window the values are those that the whole grid has there.
+        "nodes": the values, made `nodes.closed`. "steep": the same, times `STEEP` inside the set. "cell": lower bounds
+        in the cells around each node (`nodes.least_in_cells`). On a window the values are those that the whole grid has
+        there. function : of points (M, axes of the set) -> (M,), the set's at one time or over an interval.
         """
         grid, size = self.grid.subgrid(unsafe_set.axes), size_of(self.grid.subgrid(unsafe_set.axes), function)
         if unsafe_set.sampling == "cell":
@@ -197,7 +201,8 @@ class Sampled(Statement):
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).
 
-        Periodic axes are wrapped.
+        part : the set, of this grid's axes. Coordinates on periodic axes are wrapped. The shape of the states is not
+        checked.
         """
         return part.level_set(self.grid.wrapped(points).take(part.axes, axis=1), t)
 
@@ -214,12 +219,13 @@ class Sampled(Statement):
         Returns
         -------
         (M,) array
-            In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -inf.
+            In the unit of the target's function, m if it is a distance; <= 0 in the target. Without a target, -1.
 
         Raises
         ------
         ValueError
-            If the states have another shape.
+            If the states have another shape or are no numbers, if t is not a finite number, or if the function is
+            undefined at a state.
 
         Examples
         --------
@@ -232,8 +238,6 @@ class Sampled(Statement):
 
     def unsafe_value(self, points: FloatArray, t: float, inputs: FloatArray | None = None) -> FloatArray:
         """Level-set function of G(t) at states (M, ndim), without interpolation: (M,); <= 0 is a collision.
-
-        inputs (M,): the numbers of what is applied there; without them sets count that are unsafe under all inputs.
 
         Parameters
         ----------
@@ -248,12 +252,13 @@ class Sampled(Statement):
         Returns
         -------
         (M,) array
-            In the unit of the sets' functions, m if these are distances; <= 0 is a collision.
+            In the unit of the sets' functions, m if these are distances; <= 0 is a collision. +inf where no set counts.
 
         Raises
         ------
         ValueError
-            If the states have another shape.
+            If the states have another shape or are no numbers, if t is not a finite number, or if a function is
+            undefined at a state.
 
         Examples
         --------
@@ -286,8 +291,8 @@ class Sampled(Statement):
     def refuted(self, points: FloatArray, step: int, within: int) -> FloatArray:
         """Whether states (M, ndim) are surely in no tube (step, within), whatever was computed: bool (M,).
 
-        A state is so if it is in G at the step's time, or if within = 0, there is a target, and it is not in it; by the
-        level-set functions without interpolation. Of G the sets count that are unsafe under all inputs.
+        A state is in none if it is in G at the step's time, where those sets count that are unsafe under all inputs; or
+        if within = 0, there is a target, and the state is not in it. By the level-set functions without interpolation.
         """
         t = self.time(step)
         lost = self.unsafe_value(points, t) <= 0.0
@@ -313,8 +318,9 @@ class OnWindow(Sampled):
     def interval(self, step: int) -> Interval:
         """The interval from step k on the window.
 
-        Its `speeds` are those of the whole grid where velocities depend on the state alone. Where they depend on time,
-        or not on the state, it is made as on any grid.
+        As `Statement.interval`: the motion from step k to k + 1, made once. Its `speeds` are those of the whole grid
+        where velocities depend on the state alone, and those of the window where they depend on time or not on the
+        state.
         """
         if self.dynamics.timed or self.dynamics.stateless:
             return super().interval(step)

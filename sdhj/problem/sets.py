@@ -52,9 +52,10 @@ class UnsafeSet:
         For messages and pictures.
     inputs : sequence of int, optional
         The numbers of the inputs, rows of `Dynamics.inputs`, under which the set is unsafe; by default under all. A
-        state in it is then not lost by itself: no input of these is applied for an interval in which it may be in the
-        set, ends included, as no thrust near a station, or a charger that is off from 17 to 20 h. A run in which it is
-        has collided. For a map or a polygon use `dataclasses.replace(one, inputs=...)`.
+        state in the set is then not lost by itself: the robot must only not apply one of these inputs for an interval
+        in which the state may be in the set, ends included. Examples are thrust near a station, and a charger
+        that is off from 17 to 20 h. A run in which such an input is applied in the set has collided. For a map or a
+        polygon use `dataclasses.replace(unsafe_set, inputs=...)`.
     sampling : {"nodes", "steep", "cell"}
         The value that a node of the grid gets. "nodes": the function's value there; right where the set is some
         cells thick everywhere, else `solve` warns. "steep": the same, times 10 inside the set, so that a set one or two
@@ -121,6 +122,8 @@ class UnsafeSet:
     ) -> "UnsafeSet":
         """Everything that a map does not show as free, enlarged by the radius of a disk-shaped robot.
 
+        What lies outside of the map is unsafe, too.
+
         Parameters
         ----------
         source : path of a map server's YAML file, or bool array (rows, columns)
@@ -135,10 +138,19 @@ class UnsafeSet:
         radius : float
             Radius of a robot with centre (x, y), by which everything unsafe is enlarged, m.
         footprint : array (K, 2), Body, or a sequence of Body
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of. Disks that cover them
-            are looked up in the map.
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
+            Disks that cover them are looked up in the map.
         tolerance : float
-            How far these disks may reach beyond the footprint, m. Half of it takes some 1.4 times as many.
+            How far these disks may reach beyond the footprint, m, above 0; ignored for a point. Half of it takes some
+            1.4 times as many disks.
+        name : str
+            For messages and pictures.
+
+        Returns
+        -------
+        UnsafeSet
+            Its level set is at most the signed distance, m, and within the map at most half a pixel's diagonal below
+            it for a point or a disk.
 
         Raises
         ------
@@ -185,32 +197,39 @@ class UnsafeSet:
         Parameters
         ----------
         vertices : array (K, 2)
-            Its corners in order, m.
+            Its corners in order, m, in either direction; in the polygon's own frame if it has a pose.
         axes : sequence of int
             The grid's axes for x and y of a robot that is a point or a disk; for x, y and heading of one with a
             footprint; or those that the poses are functions of.
         radius : float
-            By which it is enlarged, m.
-        footprint : array (K, 2), Body, or a sequence of Body
-            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of.
-        pose : callable (points (M, axes), t) -> (x, y, heading)
-            Where the polygon's frame is, if it moves.
+            By which what is unsafe is enlarged, m: that of a disk-shaped robot.
+        footprint : array (K, 2), Body, or a sequence of Body, optional
+            The robot's corners in its own frame, m, x ahead, or the bodies that it consists of; by default a point.
+        pose : callable (points (M, axes), t) -> (x, y, heading), optional
+            Where the polygon's frame is, m and rad, if it moves; t in s.
         outside : bool
             Whether it is a fence: what is outside of the polygon is unsafe, rather than what is inside.
         name : str
             For messages and pictures.
 
+        Returns
+        -------
+        UnsafeSet
+            Its level set is the signed distance of the robot to the polygon, m, exact outside.
+
         Raises
         ------
         ValueError
-            If there are fewer than three vertices, or edges cross; if a footprint has no three axes to move with.
+            If there are fewer than three vertices, edges cross, or the radius is negative; if the axes are not two and
+            there is neither a footprint nor a pose; if a footprint has no three axes to move with.
         ImportError
             If Shapely is not installed.
 
         Notes
         -----
-        Bodies and polygons are cut into convex parts; the value is the signed distance of the nearest two, of the right
-        sign everywhere, and exact outside (`sdhj.problem.bodies`).
+        Bodies and polygons are cut into convex parts. The value is the least signed distance between a part of one and
+        a part of the other: its sign is right everywhere, and where the two do not meet it is the distance
+        (`sdhj.problem.bodies`).
 
         Examples
         --------
@@ -343,8 +362,10 @@ class UnsafeSet:
     def _of(cls, parts: Any, body: Body, axes: Sequence[int], footprint: Footprint, name: str) -> "UnsafeSet":
         """The set of states in which the robot (`footprint`, by default a point) meets an obstacle or leaves a fence.
 
-        parts : those of `body`, or of what is outside of it. body : has the obstacle's pose and radius. axes,
-        footprint, name : as of `polygon`. ValueError where the axes do not fit the footprint.
+        parts : the convex parts of `body`, or of what is outside of it. body : the obstacle, from which its pose and
+        radius are taken. axes : the grid's, two for x and y if there is neither a footprint nor a pose. footprint :
+        vertices (K, 2), a Body or several, or None for a point. name : of the set. ValueError where the axes do not fit
+        the footprint.
         """
         own = axis_numbers(axes, name) if footprint is not None or body.pose else _plane(axes, name)
         robot = footprint_of(footprint, own)
@@ -356,9 +377,10 @@ class UnsafeSet:
         return bool(self.level_set.timed)
 
     def counts(self, inputs: FloatArray | int | None) -> FloatArray:
-        """Whether the set is unsafe under each of these inputs, indices: bool, in their shape.
+        """Whether the set is unsafe under each of these inputs: bool, of the shape of `inputs`.
 
-        For None (), whether under all inputs.
+        inputs : indices of any shape, which are not checked; or None, which asks whether the set is unsafe under all
+        inputs, answered in shape ().
         """
         if self.inputs is None or inputs is None:
             return np.full(np.shape(0 if inputs is None else inputs), self.inputs is None)
@@ -368,9 +390,10 @@ class UnsafeSet:
         """Values (M,) at points (M, len(axes)) of one static level-set function for the whole interval [t0, t1] (Sec.
         5.4, 6.2.1).
 
-        view_time : "swept" for a set that contains this one at every time: `swept`, or the minimum of lower bounds over
-        `SUBSAMPLES` - 1 pieces of time. Otherwise the union of `SUBSAMPLES` samples alone. A set that does not move is
-        asked once, at t0. ValueError where a black box does not declare how fast it changes.
+        view_time : "swept" for a set that contains this one at every time: by the function `swept`, or by the minimum
+        of lower bounds over `SUBSAMPLES` - 1 pieces of time. Any other text for the union of the sets at `SUBSAMPLES`
+        times, ends included. A set that does not move is evaluated once, at t0. ValueError where a black box does not
+        declare how fast it changes.
         """
         if not self.moving:
             return self.level_set(points, t0)
@@ -393,10 +416,9 @@ class Solved(Protocol):
     problem: Any
 
     def as_level_set(self, within: int | None) -> Callable[[FloatArray, float], FloatArray]:
-        """Level-set function (points (M, ndim), t) -> (M,) of the tube of the step that begins at t, within so many
-        steps.
+        """Level-set function (points (M, ndim), t) -> (M,) of the tube of the step that begins at t.
 
-        within : None for all steps that are left.
+        within : in how many steps the target must be reached; None for all that are left.
         """
 
 
@@ -501,7 +523,8 @@ ANYWHERE = TargetSet((0,), lambda points, t: np.full(len(points), -1.0), "anywhe
 def _input_numbers(given: Any, name: str) -> tuple[int, ...]:
     """The indices of inputs that a user gave for the unsafe set `name`, as a tuple of int, ascending.
 
-    ValueError unless they are one or more whole numbers >= 0, each once.
+    given : anything. ValueError unless it is a sequence or array of one or more whole numbers >= 0, each once; whether
+    the problem has such inputs is not checked.
     """
     found = given if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) else ()
     numbers = sorted(whole(f"a number in inputs of {name!r}", one, least=0) for one in found)

@@ -17,7 +17,7 @@ from sdhj.problem.grid import Grid
 from sdhj.problem.interval import Interval
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, TargetSet, UnsafeSet
-from sdhj.problem.steepness import growth_bound, rates
+from sdhj.problem.steepness import growth_bound, lipschitz_bounds
 
 FOREVER = 1000  # steps at most for a problem without a number of steps
 LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, as it stands in a file
@@ -27,8 +27,8 @@ LAYOUT = ("lower", "upper", "shape", "periodic", "names", "ends")  # of a grid, 
 class Statement(Remembering):
     """The fields of a `sdhj.ReachAvoidProblem`, which says what they are, and what follows from them.
 
-    It is the base of `Sampled` and `ReachAvoidProblem`; nothing is checked here. Compared by its fields. What is made
-    once is kept with it.
+    It is the base of `Sampled` and `ReachAvoidProblem`; nothing is checked here. Problems are equal if their fields
+    are. What is said to be made once is kept with the object.
 
     Attributes
     ----------
@@ -37,10 +37,11 @@ class Statement(Remembering):
     target : TargetSet
         `ANYWHERE`, the same object, where there is no target.
     steps : int or None
+        N; None for a problem without a number of steps.
     _intervals : dict
-        What `interval` has made, by step; 0 for all steps where the dynamics do not depend on time.
+        {step: the Interval that `interval` has made}; under 0 for all steps where the dynamics do not depend on time.
     _static : dict
-        Samples of sets that do not move, see `Sampled`.
+        {(level-set function, sampling, grid): samples} of sets that do not move, filled by `Sampled`.
     """
 
     grid: Grid
@@ -108,17 +109,17 @@ class Statement(Remembering):
         widened.
 
         (ndim,) each, in the units of the axes; both 0 without a `Sensing`; read-only, made once. E = w(delay) of dw/dt
-        = A w + b + jumps, w(0) = error (`steepness.rates`, `growth_bound`). Boxes of reachable states are widened so
-        that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is the longest
-        hold (`Sensing.hold`). With memory they are widened so that they hold the next point that is carried on: by
-        `error_growth` - b h.
+        = A w + b + jumps, w(0) = error (`steepness.lipschitz_bounds`, `growth_bound`). Boxes of reachable states are
+        widened so that they hold the next prediction too: by E + w(h), where dw/dt = A w + jumps, w(0) = E, and h is
+        the longest hold (`Sensing.hold`). With memory they are widened so that they hold the next point that the
+        controller carries on: by `error_growth` - b h.
 
         ValueError where black boxes declare too little for A and b.
         """
         sensing, nothing = self.sensing, np.zeros(self.grid.ndim)
         if not sensing:
             return nothing, nothing
-        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(slope, push + jumps, nothing + np.array(sensing.error), sensing.delay)
         if sensing.remembers:
             return box, self.error_growth - push * sensing.hold(self.delta)[0]
@@ -128,12 +129,12 @@ class Statement(Remembering):
     def error_growth(self) -> FloatArray:
         """By how much the error of a point grows while an input is held, in the units of the axes: (ndim,).
 
-        w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.rates`, `growth_bound`), and h = delta + 2 jitter
-        is the longest hold. A state within E of a point c is then within E + this of where c is led under the same
-        input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for A and b,
-        or a velocity may be undefined.
+        w(h) - E, where dw/dt = A w + b + jumps, w(0) = E (`steepness.lipschitz_bounds`, `growth_bound`), and h = delta
+        + 2 jitter is the longest hold. A state within E of a point c is then within E + this of where c is led under
+        the same input without a disturbance. Read-only, made once. ValueError where black boxes declare too little for
+        A and b, or a velocity may be undefined.
         """
-        slope, push, jumps = rates(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
+        slope, push, jumps = lipschitz_bounds(self.grid, self.dynamics, self.time(self.most_steps), self.delta)
         box = growth_bound(
             slope, push + jumps, np.zeros(self.grid.ndim) + np.array(self.sensing.error), self.sensing.delay
         )
@@ -142,8 +143,8 @@ class Statement(Remembering):
     def interval(self, step: int) -> Interval:
         """The motion from step k to k + 1, for the time in which an input may be held; made once.
 
-        One object for all steps if the dynamics do not depend on time. Its boxes are widened by `half_widths`. Steps
-        beyond N may be asked for.
+        One object for all steps if the dynamics do not depend on time; then `step` is ignored. Its boxes are widened by
+        half_widths[1]. step : k >= 0, also beyond N. ValueError where `half_widths` raises it.
         """
         step = step if self.dynamics.timed else 0
         if step not in self._intervals:
@@ -180,7 +181,7 @@ class Statement(Remembering):
         return {n: f"a BlackBox {f'with {one}' if one else 'of which nothing is declared'}" for n, one in known.items()}
 
     def black_box(self, name: str) -> BlackBox:
-        """The black box of that name in `functions`; AssertionError if the function is a formula."""
+        """The black box of that name in `functions`; AssertionError if it is a formula, KeyError if there is none."""
         found = self.functions[name]
         assert isinstance(found, BlackBox)
         return found

@@ -20,21 +20,24 @@ TERMS = 60  # of an exponential series
 SAME = 1e-9  # relative difference of velocities at both ends of a periodic axis that is no jump
 
 
-def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A (ndim, ndim), b (ndim,) and jumps (ndim,): how fast two states under one input may drift apart, one of them
-    disturbed.
+def lipschitz_bounds(
+    grid: Grid, dynamics: VectorField, end: float, delta: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Bounds A (ndim, ndim), b (ndim,) and jumps (ndim,) on how much the velocities of two states may differ.
 
-    |dq1/dt - dq2/dt| <= A |q1 - q2| + b + jumps, axis by axis, for all states on the grid, all inputs, and times up to
-    `end`, s. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the disturbance adds.
+    |dq1/dt - dq2/dt| <= A |q1 - q2| + b + jumps, axis by axis, for any two states on the grid under the same input at
+    the same time up to `end`, s, of which one is disturbed. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the
+    disturbance adds, in the axes' units per second.
 
     A velocity that may jump or be infinitely steep anywhere has zeros in its row of A and of b, and in `jumps` what
-    lies between its least and its greatest value. That is never too little; where it is too much, nothing is left of
-    the target, and a solve says so. Differences between nodes would take a jump J for a slope J / h, and so let
-    velocities at both sides of it, w < h apart, differ by J w / h only.
+    lies between its least and its greatest value; else `jumps` is 0. What black boxes declare is added to A and b.
 
     delta : length of the intervals, s, in which black boxes are asked for their bounds. ValueError where a black box
     does not declare enough, or a velocity may be undefined.
     """
+    # Differences between nodes would take a jump J for a slope J / h, and so let velocities at both sides of it, w < h
+    # apart, differ by J w / h only. With `jumps` the bound is never too low; where it is too high, nothing is left of
+    # the target, and a solve says so.
     ndim, D = grid.ndim, dynamics.adversaries
     low, high = np.array([*grid.lower, 0.0, *[-1.0] * D]), np.array([*grid.upper, end, *[1.0] * D])
     slope, push, jumps = np.zeros((ndim, ndim)), np.zeros(ndim), np.zeros(ndim)
@@ -58,7 +61,7 @@ def rates(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[
                 f"the velocity along {grid.names[axis]} may be undefined somewhere on the grid, so no bound is "
                 "known on how it changes, which a Sensing needs; clip what it is divided by, or a root is taken of"
             )
-    declared = _declared(grid, dynamics, end, delta)
+    declared = _of_black_boxes(grid, dynamics, end, delta)
     return slope + declared[0], push + declared[1], jumps
 
 
@@ -95,7 +98,8 @@ def _boxes(reads: FloatArray, low: FloatArray, high: FloatArray) -> Ends:
 def greatest(nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> float:
     """An upper bound on |node| for all of these nodes, over the box [low, high], (n,) each, of their coordinates.
 
-    inf where a node may be undefined; otherwise as tight as `_greatest` makes it. At least one node must be given.
+    inf where a node may be undefined; otherwise at most about `SETTLED_WITHIN` times the greatest value, unless the
+    search ends sooner (`_greatest`). At least one node must be given.
     """
     return max(_greatest(one, low, high) for one in dict.fromkeys(nodes))
 
@@ -141,8 +145,8 @@ def _magnitudes(formula: Formula, low: FloatArray, high: FloatArray) -> tuple[Fl
 def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) -> bool:
     """Whether a velocity has other values at the lower than at the upper end of a periodic axis, by more than `SAME`.
 
-    nodes : velocities with the coordinates (state, t, v / bounds). They are compared at one point of each of the
-    `_boxes` of [low, high].
+    nodes : velocities as functions of the coordinates (state, t, v / bounds). low, high (n,) : the ends of these
+    coordinates; the velocities are compared at one point of each of the `_boxes` of [low, high], with v = 0.
     """
     for axis, one in product(np.flatnonzero(grid.periodic).tolist(), nodes):
         sides = [rebuilt([one], {leaf("x", axis): constant(float(end[axis]))}.get)[0] for end in (low, high)]
@@ -157,11 +161,13 @@ def _seam(grid: Grid, nodes: Iterable[Node], low: FloatArray, high: FloatArray) 
     return False
 
 
-def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
-    """What black boxes add to A (ndim, ndim) and b (ndim,) of `rates`, by what they declare; zeros without black boxes.
+def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tuple[FloatArray, FloatArray]:
+    """What a drift or gain that is a black box adds to A (ndim, ndim) and b (ndim,) of `lipschitz_bounds`.
 
-    A: the slope of the drift, and that of the gain times the sum of the bounds of v; b: |gain| times the bounds.
-    ValueError where a black box has no slope.
+    A: the slope of the drift, and that of the gain times the sum of the bounds of v. b: |gain| times the bounds of v.
+    Both are the greatest over all inputs, all states on the grid and times from 0 to `end`, s, which is cut into
+    intervals of about `delta`, s, if the dynamics depend on time. Zeros without black boxes. ValueError where a black
+    box has no slope, or the gain declares too little to be bounded.
     """
     low, high, ndim = np.array(grid.lower), np.array(grid.upper), grid.ndim
     slope, push = np.zeros((ndim, ndim)), np.zeros(ndim)
@@ -173,8 +179,8 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
     for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
         most = dynamics.disturbance(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
-        rates = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
-        slope = np.maximum(slope, rates)
+        steepness = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
+        slope = np.maximum(slope, steepness)
         if "gain" in opaque:
             given = opaque["gain"].reads
             reads = np.isin(np.arange(ndim), range(ndim) if given is None else given)
@@ -186,8 +192,9 @@ def _declared(grid: Grid, dynamics: VectorField, end: float, delta: float) -> tu
 def growth_bound(slope: FloatArray, push: FloatArray | float, box: FloatArray, duration: float) -> FloatArray:
     """w(duration), (ndim,), of dw/dt = slope w + push, w(0) = box: by how much a box around a state has grown.
 
-    slope (ndim, ndim), 1/s; push (ndim,) or a number, per second; box (ndim,). All are >= 0, so the exponential series,
-    cut after `TERMS` terms, has no negative one.
+    slope (ndim, ndim), 1/s; push (ndim,) or a number, per second; box (ndim,), half-widths; duration, s. All must be >=
+    0, which is not checked: the sum of the first `TERMS` terms of the exponential series then falls short of w by what
+    the others would add, which is nothing to double precision unless slope times duration is large.
     """
     ndim = len(box)
     rate, term = np.zeros((ndim + 1, ndim + 1)), np.array([*box, 1.0])

@@ -21,19 +21,20 @@ ALIKE = 1e-9  # relative to the values, or absolute below one
 def suspicions(problem: ReachAvoidProblem) -> Iterator[Finding]:
     """Yield a `Finding` for each thing that is unusual in a problem, with what to do if it was not meant.
 
-    Nothing is warned of. That is a target whose level-set function may have the wrong sign, and axes that may be angles
-    with wrong ends or units.
+    The findings are a target whose level-set function may have the wrong sign, and axes that may be angles with wrong
+    ends or units. No warning is given.
     """
-    yield from _turned_target(problem)
+    yield from _wrong_sign_of_target(problem)
     for axis in range(problem.grid.ndim):
         yield from _angle(problem, axis)
 
 
-def _turned_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
-    """Yield a finding where the sign of the target's level-set function may be turned.
+def _wrong_sign_of_target(problem: ReachAvoidProblem) -> Iterator[Finding]:
+    """Yield a finding where the target's level-set function may have the wrong sign.
 
-    So it may where the target has more than half of the volume of its axes, not all of it, and every end of a bounded
-    axis; looked at on at most about `SMALL` nodes at step 0. Nothing without a target or a bounded axis.
+    So it may where the target fills more than half of its axes' grid, but not all of it, and has all nodes at the ends
+    of bounded axes. Judged at step 0, on at most about `SMALL` nodes. It yields nothing without a target, and where all
+    of the target's axes are periodic.
     """
     grid = problem.grid.subgrid(problem.target.axes)
     if problem.has_no_target or all(grid.periodic):
@@ -88,7 +89,8 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
 def _fastest(problem: ReachAvoidProblem) -> FloatArray:
     """The greatest speed along each axis at `_states` under any input: (ndim,), in the axes' units per second.
 
-    v is the upper vertex of its box. Where velocities do not depend on the state, one state is asked.
+    v is the upper vertex of its box, and the time that of step 0. Where velocities do not depend on the state, one
+    state is enough.
     """
     states = _states(problem)[: 1 if problem.dynamics.stateless else None]
     return np.max([np.abs(function(states)).max(axis=0) for function in _velocities(problem)], axis=0)
@@ -98,8 +100,8 @@ def _repeats(problem: ReachAvoidProblem, axis: int, turn: float) -> bool:
     """Whether all functions that read an axis have the same values, to `ALIKE`, a `turn` further on, and some change
     along it.
 
-    Judged at `_states`. False where a function is undefined a turn on, and for problems with black boxes, of which
-    nothing is known off the grid.
+    Judged at `_states`. turn : in the axis's unit. False where a function is undefined a turn on, and for problems with
+    black boxes, of which nothing is known off the grid.
     """
     if problem.opaque:
         return False
@@ -127,10 +129,10 @@ def _states(problem: ReachAvoidProblem) -> FloatArray:
 
 
 def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[FloatArray], FloatArray]]:
-    """Yield functions of states (M, ndim): `_velocities`, if one reads this axis, and level-set functions of sets that
-    have it.
+    """Yield the functions of states (M, ndim) that may depend on an axis.
 
-    They return (M, ndim) and (M,).
+    They are the velocities under each input, (M, ndim), if the dynamics read the axis, and the level-set functions,
+    (M,), of the target and of unsafe sets that have it among their axes.
     """
     if problem.dynamics.reads[:, axis].any():
         yield from _velocities(problem)

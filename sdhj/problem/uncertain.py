@@ -10,12 +10,14 @@ from sdhj.problem.statement import Statement
 
 
 def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = None) -> FloatArray:
-    """Erode a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
+    """Shrink a set by the box E: level-set function of the points x for which all of x +- E is in the set and past no
     unsafe end.
 
-    out(x) = max of `values` over x +- E, by linear interpolation, and of how far x +- E reaches past unsafe ends.
-    values (*shape), at the nodes of the grid of these axes, by default all; `values` itself comes back where E is 0 on
-    these axes. E is `problem.half_widths[0]`.
+    out(x) = max of `values` over x +- E, by linear interpolation, and of how far x +- E reaches past unsafe ends. E is
+    the half-widths problem.half_widths[0].
+
+    values : of the set, at the nodes of the subgrid of `axes`. axes : ascending; by default all. Returns an array of
+    the same shape; `values` itself where E is 0 on these axes.
     """
     axes = range(problem.grid.ndim) if axes is None else axes
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
@@ -30,12 +32,13 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
 
 
 def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
-    """Level-set function of the set into which an interval must lead, so that what the controller then believes is in a
+    """Level-set function, (*shape), of the states to which an interval must lead so that the controller's point is in a
     set.
 
-    values (*shape) : of that set. Without memory, what it believes are the predictions, within E of the state:
-    `shrunk`. With memory, it is the point that is carried on: the maximum of `values` over the growth of the error, +-
-    `half_widths[1]`; `values` itself where that is 0.
+    values (*shape) : of that set. Without memory the controller's point is a prediction, which is within E of the
+    state, so the result is `shrunk`. With memory it is the point c that it carries from step to step (*Memory* in
+    `sdhj.problem.sensing`), and the result is the maximum of `values` over x +- problem.half_widths[1], by linear
+    interpolation; `values` itself where that is 0.
     """
     grown = problem.half_widths[1]
     if not problem.sensing.remembers:
@@ -49,8 +52,9 @@ def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
 def worst_around(problem: Statement, values: FloatArray, points: FloatArray) -> FloatArray:
     """The largest value of an interpolated grid function over the box E around each of the points (M, ndim): (M,).
 
-    values (*shape) : of the function. The largest value is at an end of the box or at a node in between on each axis,
-    all clipped at walls, or at the point itself. +inf where the box reaches off the grid.
+    values (*shape) : of the function. E is problem.half_widths[0]; the box is clipped at walls. On each axis the
+    largest value is at an end of the box or at a node in between; the point itself is evaluated, too. +inf where the
+    box reaches off the grid.
     """
     grid, columns = problem.grid, []
     if not problem.half_widths[0].any():
