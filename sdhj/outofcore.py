@@ -65,8 +65,8 @@ def solve_stored(
 
     resume : whether a store that is there already goes on from its finished slabs, which are first read and compared
         with its ledger; without it a name that exists is an error.
-    operations : a solve that would take more is refused.
-    problem, progress, client, memory : as for `sdhj.solve`, as are all errors.
+    operations : a solve that would take more operations (`sdhj.problem.cost`) is refused with ValueError.
+    problem, progress, client, memory : the arguments of `sdhj.solve`, which also lists the errors raised.
     """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
@@ -85,9 +85,10 @@ def solve_stored(
             warn_of_disk(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
-        def slabs_done(number: int) -> None:  # here the games tell, more often
-            """Move the progress bar by so many slabs of a tube if a client's workers do them; else nothing, as the
-            games tell.
+        def slabs_done(number: int) -> None:
+            """Move the progress bar on by `number` slabs of a tube; without a client do nothing.
+
+            There the games themselves move it.
             """
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
@@ -101,17 +102,19 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """A function that does tasks of a plan and yields, in any order, what `work` returns of each.
+    """A function of a list of tasks that does them and yields, in any order, what `work` returns for each.
 
-    Without a client (None) they are done here, one after the other. A Dask client's workers do them at the same time:
-    tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
-    path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
+    Results are written to `store`. Without a client (None) tasks are done in this process, one after the other, as the
+    results are asked for. With a Dask client its workers do them at the same time: tasks and digests go through Dask's
+    scheduler, arrays through the store, which every worker has to see under the same path. A worker that dies leaves no
+    line in the store's ledger, and another worker gets its task.
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
-        """Have the workers of the Dask client do tasks, and yield what `work` returns of each.
+        """Have the workers of the Dask client do tasks, and yield what `work` returns for each, the first done first.
 
-        An error gets a note on how to go on; whatever happens, tasks that are not done are cancelled at the end.
+        An error of a worker is raised here, with a note on how to go on. At the end, after an error too, the tasks that
+        are not done are cancelled.
         """
         futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
@@ -128,7 +131,10 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """`work`, in a worker of a Dask client: threads of one process wait for each other, as memory is for one slab."""
+    """As `sdhj.solver.recursion.work`, in a worker of a Dask client: one task of a process at a time.
+
+    Its other threads wait, as `memory` is planned for one slab.
+    """
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 
@@ -179,9 +185,9 @@ def planned(
     """The plan of a solve into a store: along which axis the grid is cut, how wide slabs are, and how wide their halos.
 
     The axis is the one whose halo is the smallest share of it, and slabs are as wide as `room`, in bytes, lets them be.
-    Where there are three axes or more none of the last two is cut: on those a slab's nodes would come to lie in the
-    vector loops of the kernels otherwise than those of the whole grid. Warns where the grid is too coarse; with several
-    slabs the problem forgets its samples of the whole grid.
+    Where there are three axes or more none of the last two is cut: slabs of those would be rounded otherwise than the
+    whole grid. Warns where the grid is too coarse. With several slabs the problem forgets the samples of its functions
+    on the whole grid.
 
     cut : (axis, width) of a store that was begun before, which is kept whatever `room` says; None: to be chosen.
 

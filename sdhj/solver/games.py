@@ -242,7 +242,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        """Games on all axes of the problem's grid (None) or on some; counted, wanted : as in the class."""
+        """Games on `axes` of the problem's grid, None for all; counted, wanted : attributes of the class."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -337,9 +337,12 @@ class HJIGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        """Games on all axes or on some; `window` : counted and wanted, as in `_OnAxes`.
+        """Games on `axes` of the problem's grid, None for all, by a scheme.
 
-        ValueError where, in the moving frame, the drift crosses too many cells in an interval (`checked_travel`).
+        window : the keywords `counted` and `wanted`, attributes of `_OnAxes`.
+
+        ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+        interval.
         """
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
@@ -364,19 +367,19 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift; computed once.
+        """Whether games may be played in the moving frame, coordinates that move with the drift; computed once.
 
-        It can if the scheme allows it, velocities are constant, and a wall does no more than end the shift. It cannot
-        for an axis with a drift if this axis has an unsafe end and there is no target; or if it has a wall, a component
-        of v that moves several axes moves it too, and v may outdo the drift there.
+        There the PDE has the disturbance alone, so that one solution, shifted by the drift under each input, serves for
+        all inputs. The frame applies if the scheme allows it and velocities are constant, unless some axis with a drift
 
-        At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the interval.
-        This is right where the disturbance moves the axis on its own, and where the state never turns back from the
-        wall; a state that has slid along the wall and left it again is somewhere else. Without a target, where sets
-        shrink away from unsafe ends step by step, finite differences are kept, because tables for ever have been tested
-        with them. On a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set
-        is promised wrongly by differences and 0.057 by shifts.
+        * has an unsafe end, and there is no target; or
+        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift.
+
+        At a wall the shift is clipped, which is wrong for a state that slides along the wall and leaves it again.
         """
+        # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, because
+        # tables for ever have been tested with them. On a line shifts would be better: after 30 steps of a fifth of a
+        # cell, at 41 nodes, 0.067 of the set is promised wrongly by differences and 0.057 by shifts.
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
         wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push
@@ -389,15 +392,14 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def pushed(self) -> FloatArray:
-        """How far the disturbance moves a state along each axis in an interval, if that is a cell or more: (axes,).
+        """How far the disturbance moves a state along each axis in an interval, in the axis's unit: (axes,).
 
-        It is 0 for less.
-
-        In the axis's unit; computed once. Differences erode narrow maxima, which are gaps between pieces of a tube; the
-        maximum over this box keeps them. Below a cell the box contains no other node, and interpolation alone would
-        wear sets down. All are 0 where a component of the disturbance moves several axes, as not all of a box can be
-        reached.
+        0 along an axis for less than a cell, and along all where a component of the disturbance moves several axes.
+        Computed once; only where velocities are constant.
         """
+        # Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps
+        # them. Below a cell the box contains no other node, and interpolation alone would wear sets down. Where a
+        # component moves several axes, not all of a box can be reached.
         far = self.push.sum(axis=1) * self.duration
         return (
             far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
@@ -424,7 +426,7 @@ class HJIGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
+        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
 
         In the moving frame they are shifts of one PDE's solution; else each input has its PDE, on small grids all
         solved at once.
@@ -447,11 +449,11 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages the interval from a step has.
+        """How many nodes to each side a stage reads, and how many stages the interval from a step has at most.
 
-        This is for `within_stages`.
+        `sdhj.solver.former.within_stages` takes both.
 
-        still : the velocities of the PDE in the moving frame, if that PDE is meant; None: those of all inputs.
+        still : the velocities of the PDE in the moving frame, if that PDE is meant; None: the PDEs of all inputs.
         """
         if still is None:
             steps = self.steps(self.axes, step)
@@ -495,8 +497,10 @@ class HJIGames(_OnAxes):
         """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), with f_j the drift under u_j.
 
         Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
-        over the box that the disturbance moves a state in (`pushed`). values, step, patch : as for
-        `grouped_reach_sets`.
+        over the box that the disturbance moves a state in (`pushed`).
+
+        values : (*shape), the level-set function of the set to be in at the end of the interval from `step`.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         (grid, past), shift, wanted = self.moving_grid, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
@@ -507,7 +511,7 @@ class HJIGames(_OnAxes):
         far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
-            """Psi (*shape), right on some planes or, for None, on all; counted in `solved`."""
+            """Psi on the grid of the moving frame, right at least in these planes (None: all); counted in `solved`."""
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -541,9 +545,10 @@ class HJIGames(_OnAxes):
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
         """All inputs in groups as `evolve_each` takes them, for games on some axes; kept for the next call.
 
-        A group has the inputs that need the same number of time steps; with `steps`, all are one group with so many. []
-        where inputs have to be solved one by one, as intervals may end early or velocities depend on time; or are
-        better solved so, because the grid is large or the velocities take much memory.
+        A group is (the numbers of the inputs that need equally many time steps, their velocities by
+        `sdhj.solver.schemes.together`, how many time steps that is); with `steps` all inputs are one group of so many.
+        [] where inputs are to be solved one by one: where intervals may end early or velocities depend on time, where
+        the grid is large, or where the velocities would take too much memory.
         """
         grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
         if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
@@ -752,10 +757,12 @@ class HopfLaxGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        """Games on all axes or on some; `window` : counted, which is not used, and wanted, as in `_OnAxes`.
+        """Games on `axes` of the problem's grid, None for all; the other arguments are attributes of the class.
 
-        ValueError where velocities depend on the state, cross too many cells in an interval, or change too fast within
-        one.
+        window : the keywords `counted`, which is not used, and `wanted`, attributes of `_OnAxes`.
+
+        ValueError where velocities depend on the state, cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+        interval, or change too fast within an interval.
         """
         super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
@@ -798,10 +805,10 @@ class HopfLaxGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
+        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
 
         They are maxima of `values` over the set that each input leads to at the end of the interval from a step; or,
-        where it may end early, over a hull of all its ends.
+        where the interval may end early, over a hull of the sets at all times at which it may end.
         """
         if patch:
             patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
