@@ -158,8 +158,8 @@ def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Itera
 def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
     """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
-    It is 0 but for bounded axes with a drift. There it is as far as the disturbance pushes in an interval, or the drift
-    leads if that is less, in nodes rounded up, and `BEYOND` more: what lies farther off is like it.
+    It is 0 for periodic axes and for axes without a drift. For others it is, in nodes and rounded up, as far as the
+    disturbance pushes the state in an interval, or as far as the drift leads if that is less, and `BEYOND` nodes more.
     """
     grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
@@ -192,8 +192,8 @@ class ObstacleFunction:
     def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
         """The obstacle function of an unsafe set of the problem, on `axes`, ascending, which include those of the set.
 
-        With view_time="instantaneous" a moving set is swept over each time step, as a fast one could be missed between
-        two.
+        With view_time="instantaneous" `values_over` is to be called for each time step of the interval, else once for
+        the whole interval.
         """
         instant = unsafe_set.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
@@ -257,29 +257,32 @@ class _OnAxes:
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
+        """To be implemented: yield the reach sets of all inputs, groups of successive inputs at a time.
 
-        Successive inputs come in groups, those of one byte of marks together; values (*shape).
+        The reach set of an input is that of the states that it leads into {values <= 0} at the end of the interval from
+        a step. Inputs whose marks are in one byte, that is with the same j // 8, are in one group.
 
-        patch : if given, sets `patch.rows` before anything is yielded; then only these planes of the reach sets are
-            right, and nothing is yielded where there are none.
+        values : (*shape).
+        patch : None, or what is to be solved: `patch.rows` is set before anything is yielded, and only these planes of
+            the reach sets are right; nothing is yielded if there are none. Ignored by games without `patches`.
         """
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations (`sdhj.problem.cost`) of all inputs in the interval from a step, an estimate.
+        """To be implemented: an estimate of the operations (`sdhj.problem.cost`) of all inputs in one interval.
 
-        axes : those on which the game is played. avoid : of an avoid game; else of a reach game. Raises `crossed` to
-            the number of cells that the state crosses in the interval.
+        Raises the attribute `crossed` to the number of cells that the state crosses in the interval, if that is more.
+
+        axes : the axes on which the game is played. step : at which the interval begins.
+        avoid : whether it is an avoid game; else it is a reach game.
         """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set.
+        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set, at the wanted nodes.
 
-        It is (*shape), the wanted nodes alone.
-
-        Phi_j is at the begin of the interval from `step`, `values` (*shape) those of the set to be in at its end.
+        Phi_j is at the begin of the interval from `step`; {values <= 0}, values (*shape), is the set to be in at its
+        end.
         """
         for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
@@ -463,10 +466,10 @@ class HJIGames(_OnAxes):
         return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+        """As `_OnAxes.operations`: an estimate of the operations of all inputs in the interval from a step.
 
-        They are nodes x time steps x stages, and the calls of kernels; in the moving frame those of one PDE and the
-        shifts.
+        They are nodes x time steps x stages, and what calls of kernels cost; in the moving frame those of one PDE, and
+        the shifts.
         """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
@@ -630,9 +633,11 @@ class HJIGames(_OnAxes):
     ) -> Velocities | Callable[[float], Velocities]:
         """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it.
 
-        It is a `Velocities` or, if velocities depend on time, a function of tau, counted back from the interval's end.
-        drift : False leaves the drift out. Up to `KEPT` bytes are kept; of what depends on time those of one interval,
-        as a row of the recursion asks for the same times once for each number of steps to go.
+        It is a `Velocities` or, if velocities depend on time, a function of tau, s, counted back from the interval's
+        end, that returns one; it raises ValueError where velocities change too fast within the interval. Up to `KEPT`
+        bytes of velocities are kept for the next call; if they depend on time, those of one interval.
+
+        drift : False leaves the drift out.
         """
         interval = self.problem.interval(step)
         if not self.problem.dynamics.timed:
@@ -662,10 +667,10 @@ class HJIGames(_OnAxes):
     def steps(self, axes: Axes, step: int) -> int:
         """How many time steps of the interval from a step are enough for every input, at least 1.
 
-        axes : those on which the game is played.
+        It is the most that `counted` has for these axes; else the most that the CFL condition asks for, at `INSTANTS`
+        of the interval if velocities depend on time. Computed once for each interval that differs.
 
-        It is the most that `counted` has for these axes; else what the CFL condition asks for, looked at `INSTANTS`
-        where velocities depend on time.
+        axes : the axes on which the game is played.
         """
         if axes in self.counted:
             return max(1, *self.counted[axes])
@@ -855,13 +860,14 @@ class HopfLaxGames(_OnAxes):
     ) -> tuple[Moved, float]:
         """For each input a box and segments that hold all its displacements in one piece of an interval, and a cost.
 
-        The cost is that of maxima over all of them, for the meter. Both are kept (`_once`).
+        The cost is that of maxima over all of them, in operations, for the progress bar. Both are kept (`_once`).
 
-        piece : the number of the piece, of `pieces` equal ones. axes : along which.
+        piece : which of `pieces` equal pieces, from 0 on.
+        axes : the axes of the problem's grid along which displacements are returned, in this order.
         """
 
         def find() -> tuple[Moved, float]:
-            """Compute the sets and the cost."""
+            """The sets and the cost, computed anew."""
             ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
             moved = self._displacement_sets(interval, axes, ends.tolist())
             return moved, _operations(self.problem.grid.subgrid(axes), moved) + A_PIECE
@@ -869,11 +875,10 @@ class HopfLaxGames(_OnAxes):
         return self._once(interval, (*axes, piece, pieces), find)
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """For each input a box and segments that hold its displacements at all of some times.
+        """For each input a box and segments whose sum holds its displacements at all times in `ends`.
 
-        ends : the times, s from the interval's begin.
-
-        axes : along which. ends : ascending.
+        axes : the axes of the problem's grid along which displacements are returned, in this order.
+        ends : s from the interval's begin, ascending, at least one.
         """
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
@@ -884,9 +889,10 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+        """As `_OnAxes.operations`: an estimate of the operations of all inputs in the interval from a step.
 
-        Estimated from `PIECES_COUNTED` pieces of the interval; `crossed` is set here, not raised.
+        It is that of `PIECES_COUNTED` pieces of the interval, times the number of pieces. `crossed` is set here, also
+        if it was larger.
         """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)
