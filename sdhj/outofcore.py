@@ -38,9 +38,9 @@ from sdhj.table.store import (
     Store,
     StoredTable,
     create,
-    free_name,
     load_stored,
     opened_store,
+    require_free_name,
     warn_of_disk,
 )
 
@@ -78,7 +78,7 @@ def solve_stored(
             plan = planned(problem, method, cut_of(store, head, method))
             store.check(list(store.entered))
         else:
-            free_name(path)
+            require_free_name(path)
             plan = planned(problem, method, room=slab_memory(memory, client))
         begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:

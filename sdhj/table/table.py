@@ -41,14 +41,13 @@ RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less
 def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
     """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: float64, shape grid.shape.
 
-    The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
-    cell outside the last node in the set, and at the very boundary there may be no input that passes. This function is
-    2 - d in the set, d being the distance to the nearest node outside, or to where one would be past an unsafe end, and
-    1 + the distance to the set outside. So its zero lies one cell inside the last node in the set, which keeps the tube
-    clear of states that are lost.
+    It is 2 - d in the set, d being the distance to the nearest node outside, or to where a node would be past an unsafe
+    end; and 1 + the distance to the set outside. So its zero lies one cell inside the last node in the set.
 
     invariant : (*grid.shape) bool, the nodes in the set.
     """
+    # The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
+    # cell outside the last node in the set, and at the very boundary there may be no input that passes.
     leaves = _cells_to(grid, ~invariant)
     for axis, fails in enumerate(grid.ends_where("fails").T):
         place = np.arange(grid.shape[axis], dtype=np.float64)
@@ -61,8 +60,9 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
 def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
     """Euclidean distance, in cells, of each node to the nearest one in a region: array of grid.shape, 0 in the region.
 
-    Also around periodic axes. region : (*grid.shape) bool; where it is empty, the distance is sqrt(sum of
-    grid.shape^2).
+    Also around periodic axes. A cell counts as 1 along each axis.
+
+    region : (*grid.shape) bool; if it is empty, the distance is sqrt(sum of grid.shape^2) everywhere.
     """
     squares = np.where(region, 0.0, float(np.sum(np.square(grid.shape))))
     for axis, n in enumerate(grid.shape):
@@ -235,8 +235,8 @@ class LookupTable(Table):
     def unrest(self, within: int) -> float:
         """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
 
-        It is the mean change of the values at the nodes inside over the mean difference of neighbours there, along the
-        axis where that is largest. inf before so many steps; 0 where values inside do not differ.
+        It is the mean change per step of the values at the nodes inside, divided by the mean difference of neighbours
+        inside, along the axis where this is largest. inf if within < QUIET; 0 where values inside do not differ.
         """
         if within < QUIET:
             return np.inf
@@ -272,10 +272,10 @@ class LookupTable(Table):
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table when solved: with read-only arrays, these details, and without tubes and marks that no entry uses.
+        """The table when solved: with these details, and without tubes and marks behind those that the index names.
 
-        If details["endless"] is true and there is no target, all are kept, as the last is the game's value. Arrays are
-        shared.
+        The arrays are shared with this table, and become read-only. If details["endless"] is true and there is no
+        target, all tubes are kept, as the last is the game's value.
         """
         stored = int(self.index.max()) + 1
         whole = details.get("endless") and self.problem.has_no_target
@@ -318,10 +318,10 @@ class LookupTable(Table):
         return sealed(self.value_array(start, within))
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe and make progress at each node: bool, grid.shape + (L,).
+        """Which inputs are safe and make progress at each node: a mask, bool of shape grid.shape + (L,), new.
 
-        u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
-        in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
+        It is True for u_j at a node from which, applied over the interval from `start`, the input avoids the unsafe
+        sets and ends in the tube (start + 1, within - 1), whatever the adversary does. With within = 0 all are False.
 
         Parameters
         ----------
@@ -512,7 +512,10 @@ class LookupTable(Table):
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
-    """Axes of a grid, as a file lists them under `name`, as a tuple; ValueError if they are none, or not ascending."""
+    """The numbers `axes` of axes of a grid, as a file lists them, as a tuple of ascending int; () for an empty list.
+
+    name : of the entry, for the message. ValueError unless they are ascending axes of the grid, each once.
+    """
     found = axis_numbers(axes, name)
     if list(found) != sorted(set(found) & set(range(grid.ndim))):
         raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")
