@@ -174,8 +174,8 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
 def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
     """Whether from any of these states (M, ndim) at step 0 some input may lead into the target at step 1.
 
-    The target must contain all corners of the box that the input and any v lead to, which a promise needs, but which is
-    not enough for one. Only the first states are looked at, as many as have `MOST_CORNERS` numbers; False if M = 0. The problem
+    The target must contain all corners of the box that the input and any v lead to; a promise needs that, and more.
+    Only the first states are looked at, as many as have `MOST_CORNERS` numbers; False if M = 0. The problem
     must have a target.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
