@@ -341,8 +341,8 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
     """The target and the unsafe sets of a workspace; cached, so that problems of one workspace share them.
 
-    The unsafe sets are the obstacles (G1 of App. A.3), if there are any, and the pursuer (G2). Where the adversary moves
-    an evader, it is the target, and there is no pursuer.
+    The unsafe sets are the obstacles (G1 of App. A.3), if there are any, and the pursuer (G2). Where the adversary
+    moves an evader, the evader is the target, and there is no pursuer.
     """
     unsafe = list[UnsafeSet]()
     if scene.obstacles:

@@ -152,8 +152,10 @@ def random(moment: Moment) -> FloatArray:
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
     """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set, and how v changes it.
 
-    g is its value at states (M, ndim) and time t, inf for runs under whose input the set is not unsafe. change_d is by
-    how much g changes where component d of v alone moves the states by push[:, :, d], (M, ndim).
+    g is the value at the states, inf for runs under whose input the set is not unsafe. change_d is by how much the
+    value changes if component d of v alone moves the states by push[:, :, d].
+
+    states : (M, ndim), one for each run. t : s. push : (M, ndim, D).
     """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call

@@ -136,8 +136,11 @@ def _may_meet(
 ) -> FloatArray:
     """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
 
-    times : the begin and the end of the time in which it may be met, s. Also True where a box crosses the end of a
-        periodic axis; False, without a bound, where a black box does not declare enough for one.
+    Also True where a box crosses the end of a periodic axis; False for all where a black box does not declare enough
+    for a bound.
+
+    points, moved : (M, ndim), of all axes of the problem.
+    times : the begin and the end of the time in which the set may be met, s.
     """
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]

@@ -120,7 +120,7 @@ class Runs:
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
-            """The predictions (M, ndim) from measurements that are off by `off` (M, ndim)."""
+            """The predictions (M, ndim) from states measured with errors `off` (M, ndim); at the start states + off."""
             seen = states + off
             found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
             return table.next_points(known[0], before, known[1], found)[0] if known else found

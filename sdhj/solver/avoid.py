@@ -37,7 +37,7 @@ class Danger(NamedTuple):
     unsafe_set : UnsafeSet
         The set of `problem` to be avoided.
     inside : tuple of slice
-        For each of `axes` where the nodes of the problem's own grid lie in the tubes of the game.
+        For each of `axes` which nodes of the game's grid are the nodes of the problem's own grid.
     """
 
     axes: tuple[int, ...]

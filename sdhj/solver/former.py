@@ -347,7 +347,9 @@ class Former:
     def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
         """At each node the greatest value, now or then, of the avoid tubes that differ there in some bit, else -inf.
 
-        now, then : (L, *subgrid) of some axes, of one dtype. The result broadcasts to the grid.
+        The result has the dimensions of the grid, with length 1 along axes that it does not depend on.
+
+        now, then : (L, *subgrid of `axes`), of one dtype. axes : of the grid, ascending.
         """
         if now.ctypes.data == then.ctypes.data:  # they were taken over
             return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)

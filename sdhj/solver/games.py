@@ -201,7 +201,7 @@ class ObstacleFunction:
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
-            """-g over [t0, t1] on the subgrid (*shape): a read-only view, in memory only on the set's own axes."""
+            """max of -g over [t0, t1], s, on the subgrid: (*subgrid), a read-only view, kept on the set's own axes."""
             values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
             return np.broadcast_to(grid.lift(values, places), grid.shape)
 
@@ -706,8 +706,11 @@ class JointGames(HJIGames):
     ) -> Iterator[Maxima | Pieces]:
         """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
 
-        For each input a PDE is solved, with -g of the unsafe sets that count under it as obstacle. patch : ignored; all
-        planes are solved.
+        For each input a PDE is solved, with -g of the sets that are unsafe under this input as obstacle. Without unsafe
+        sets they are reach sets, in the moving frame where that applies.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : ignored; all planes are solved.
         """
         problem, grid = self.problem, self.grid
         if self.shifted:
@@ -719,14 +722,14 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """The maximum of -g, at tau s left, over the unsafe sets with these numbers: (*shape), kept."""
+            """The maximum of -g over some unsafe sets, given by their positions, at tau s left: (*shape), kept."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
-            """Yield (j, level-set function (*shape) of the reach-avoid set) for every input."""
+            """Yield (j, level-set function (*shape) of its reach-avoid set) for every input j; counted in `solved`."""
             for j in range(self.count):
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)

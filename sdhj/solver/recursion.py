@@ -271,12 +271,14 @@ class InputRows:
         return np.broadcast_to(numbers, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """begin, at, width and nodes as `add_inputs` takes them, for reach sets of inputs that are given in pieces.
+        """Where the kernel `add_inputs` finds reach sets that are given in pieces: (begin, at, width, nodes).
 
-        The pieces lie one after the other in a flat array: for each entry of `axes`, the axes of one piece, the
-        functions of `number` inputs on the subgrid of these axes. A line is the part of a piece that belongs to the
-        nodes of the grid's last axis; if there is one piece, on all axes, it is a row. Computed once for each pair of
-        arguments.
+        The pieces lie one after the other in a flat array. A line of the grid is all nodes of its last axis or, if
+        there is one piece, on all axes, a row; `nodes` is how many. The values of piece p and input j begin at
+        begin[p, j]; of them, width[p] (1 or `nodes`) are for one line, and at[p, i] says which these are for line i of
+        the grid. Computed once for each pair of arguments.
+
+        axes : for each piece the axes that it depends on. number : of how many inputs each piece has the functions.
         """
         if (axes, number) not in self._known_lines:
             last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)

@@ -39,7 +39,7 @@ class Batch(NamedTuple):
     ----------
     states : (M, ndim) array
     step, within : int
-        The step k, and the steps to go by which inputs are judged where they are more than the fewest.
+        The step k; and n: an input is safe if it leads into the tube with max(steps_to_go, n) - 1 steps to go.
     steps_to_go : (M,) int array
         Fewest steps in which the target is reached safely; without a target, the number of steps that are left. -1 for
         states that are not admissible.

@@ -462,8 +462,6 @@ class Controller:
         The measurement belongs to the sampling time nearest to it; a time near 0 begins a new loop. The controller
         remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
         stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
-        For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
-        NotAdmissible is raised.
 
         Parameters
         ----------
@@ -471,6 +469,8 @@ class Controller:
             The measured state, in the units of the grid's axes.
         time : float
             When it was taken, s after the loop began: near 0 for the first.
+        fallback : bool
+            Whether a prediction that is not admissible is answered by `Controller.fallback`; else NotAdmissible.
 
         Returns
         -------
@@ -480,6 +480,7 @@ class Controller:
         Raises
         ------
         NotAdmissible
+            With fallback=False, if no tube of the step contains the prediction.
         ValueError
             If measurement or time are invalid, if time does not increase from call to call, and after the last step.
 

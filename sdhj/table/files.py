@@ -357,7 +357,8 @@ def checked_head(head: Any) -> dict[str, Any]:
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
     """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0".
 
-    ValueError where a group is none, or an array is not float64 or too large.
+    ValueError if what has the name of a group is no group, if an array is not float64, or if those of a group take more
+    than `MOST_TABLES` bytes.
     """
     found: dict[str, FloatArray] = {}
     for group in ("tables", "opaque"):
@@ -379,9 +380,10 @@ def problem_of_file(
 
     The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
 
-    arrays : what the file's formulas look up, and values of black boxes, by name, of `arrays_in` or `functions_of`.
-    problem : None, or what the user takes it for. If it has steps=None, and the file is of such a solve, it is returned
-        with the number of steps of the file.
+    arrays : what the file's formulas look up, and values of black boxes, by name, as `arrays_in` returns them for a
+        file, and `sdhj.table.store.functions_of` for a store.
+    problem : None, or the problem that the file should be of. If it has steps=None, and the file is of such a solve, it
+        is returned with the number of steps of the file.
 
     TableFileError if `problem` is another one, if it is None and the file has black boxes or cannot be read, or if the
     digest in the head is not that of what the head and the arrays describe.
