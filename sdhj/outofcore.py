@@ -71,7 +71,7 @@ def solve_stored(
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     started, path = time.perf_counter(), Path(os.path.abspath(path))
-    method = storable(problem, asked, resume, client)
+    method = storable_method(problem, asked, resume, client)
     with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
@@ -139,7 +139,7 @@ def work_alone(plan: Plan, store: Store, task: Task) -> Any:
         return work(plan, store, task)
 
 
-def storable(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
+def storable_method(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
     """The method itself, if it and the problem can be solved into a store.
 
     ValueError for methods other than `HJI` and `HopfLax`, for joint games, and for problems with steps=None, a
@@ -246,7 +246,11 @@ def task_bytes(plan: Plan) -> int:
 
 
 def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
-    """The head of a store, plain values as JSON gives them back: problem, method with options, and the cut."""
+    """The head of a new store: problem, method with options, and how the grid is cut, as JSON gives it back.
+
+    It differs from that of a file in having no details of the solve, and the entries "store", "options", "dtype", "cut"
+    and "avoid_axes".
+    """
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
@@ -258,9 +262,12 @@ def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
 
 
 def cut_of(store: Store, head: dict[str, Any], method: HJI | HopfLax) -> tuple[int, int]:
-    """(axis, width) by which a store is cut, for going on with it.
+    """The axis along which a store is cut, and how many nodes a slab has along it, to go on with the store.
 
-    head : the store's. TableFileError where another version of sdhj, or another method or option, has begun the store.
+    head : the store's, as `sdhj.table.store.head_of_store` returns it.
+    method : of the solve that goes on.
+
+    TableFileError if another version of sdhj, another method or other options have begun the store.
     """
     if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(

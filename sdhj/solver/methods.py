@@ -41,9 +41,9 @@ class HJI(Options):
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE has no
-        moving frame, because they would move differently in it for each input, so it is as inaccurate as
-        `Scheme(frame="fixed")`: it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets
+        the joint PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift these
+        sets would move otherwise for each input. So it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
 
     Raises
     ------

@@ -178,9 +178,9 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How many times a grid is gone through, slab by slab: slabs (width + 2 halo) / nodes along the cut axis.
+        """How much larger all slabs with their halos are than the grid: slabs (width + 2 halo) / nodes along `axis`.
 
-        It is 1 where `axis`, the axis of this grid that is cut, is None, or where there is one slab.
+        It is 1 where there is one slab, and where `axis`, along which this grid is cut, is None.
         """
         n = 1 if axis is None or slabs == 1 else grid.shape[axis]
         return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
@@ -420,7 +420,7 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     return [tube, marks]
 
 
-def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
+def must_write_out(problem: ReachAvoidProblem, games: Any) -> bool:
     """Whether reach sets have to be written out on the grid, input by input, before they are united.
 
     They have to on a padding, with a `Sensing`, and where the games have no `grouped_reach_sets`.
@@ -438,9 +438,9 @@ def _reach_sets(
 
     games : of `problem.padded`.
     values : (*shape) on the padded grid.
-    patch : the part to be solved, for games with `patches`, or None for all; ignored where `written_out` is true.
+    patch : the part to be solved, for games with `patches`, or None for all; ignored where `must_write_out` is true.
     """
-    if not written_out(problem, games):
+    if not must_write_out(problem, games):
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
     inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
@@ -559,7 +559,7 @@ class GridSets:
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
         self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
-        patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        patches = not must_write_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
         self.former = former if patches else None
         # none of its own, which would know `self`: the table would stay until garbage is collected
         self.run = slabs.run

@@ -412,7 +412,7 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, tau = now)), >= the obstacle at `then`."""
+        """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`."""
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)

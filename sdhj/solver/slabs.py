@@ -133,12 +133,12 @@ class Plan:
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
-        """The games by which an avoid game is played on slab `number`, and where the slab is in their tubes.
+        """The games by which an avoid game is played on slab `number`, and where the slab lies in their tubes.
 
-        The second is an index of the tubes' nodes, without the axis of inputs.
+        The second is a slice for each axis of the tubes, without that of the inputs.
 
-        The games are new, on the slab with its halo; a game that is not cut is played on all of its grid, and one on
-        the padded grid of the only slab by `whole`.
+        An avoid game that is not cut is played on all of its grid, else on the slab with its halo, by new games each
+        time. With one slab, avoid games on the padded grid are played by `whole`.
         """
         problem, inside = game.danger.problem, game.danger.inside
         if problem is self.problem.padded and self.layout.slabs == 1:

@@ -56,7 +56,7 @@ class Explanation:
         Only of a certified table, for a state that is not in the tube: what keeps it out, that is of what a coarse copy
         of the problem has to be freed to have the state in its tube (`sdhj.certified.limits`): "rounding", without a
         target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole cells, "push",
-        "noise", or "wide cells" where it is several of the first at once.
+        "noise", or "wide cells" where several of these that come from whole cells do so together.
     """
 
     inside: bool

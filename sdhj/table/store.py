@@ -125,7 +125,7 @@ class Shapes:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
-        """The shapes of a problem's table; cut : the fields dtype, axis, width and avoid_axes."""
+        """The shapes of a problem's table; cut : the fields dtype, axis, width and avoid_axes, in this order."""
         tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 

@@ -213,11 +213,11 @@ class LookupTable(Table):
             asked[asked >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
-        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
+        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average.
 
-        It compares (start, within) with (start, within - QUIET). The average is over the edges of the grid, between
-        neighbouring nodes, that the boundary crosses, or crossed: where it has left one, it counts as moved by a cell.
-        Values elsewhere, which may change for long by the scheme's error, do not count. 0 if there is no boundary.
+        It compares (start, within) with (start, within - QUIET). The average is over the edges between neighbouring
+        nodes that either of the two boundaries crosses; on an edge that only one of them crosses, it counts as moved by
+        a cell. inf if within < QUIET; 0 if there is no boundary.
         """
         if within < QUIET:
             return np.inf
@@ -381,7 +381,7 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch in place and check them by the true sets, as `Table._decide` says.
+        """As `sdhj.table.batches.Table._decide`: fill in some rows of a batch, and check them by the true sets.
 
         By compiled code where all level-set functions are formulas; in Python where one is a black box, or where a
         formula was undefined, which there raises an error that says so.
@@ -402,9 +402,12 @@ class LookupTable(Table):
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Fill in some rows (R,) of a batch in place by the compiled `decide`, which explains ends, scores and checks.
+        """Fill in some rows (R,) of a batch in place by the compiled `sdhj.kernels.lookup.decide`.
 
-        False where a formula was undefined; the rows are worthless then.
+        False if a formula was undefined at one of the states; what is in the rows is then undefined.
+
+        The arguments are those of `sdhj.table.batches.Table._decide`, and ends (4 + K, L, ndim, 1 or R), what the
+        inputs lead to from these rows, as `Interval.ahead` returns it.
         """
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
