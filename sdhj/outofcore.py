@@ -189,7 +189,9 @@ def planned(
     whole grid. Warns where the grid is too coarse. With several slabs the problem forgets the samples of its functions
     on the whole grid.
 
+    method : by which the problem is solved; the halo depends on it.
     cut : (axis, width) of a store that was begun before, which is kept whatever `room` says; None: to be chosen.
+    room : bytes that a slab may take.
 
     MemoryError if a slab of one node takes more than `room`, or a slab more than is free.
     """

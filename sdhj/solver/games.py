@@ -115,14 +115,15 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many inputs these are the reach sets of."""
+        """The number of inputs, whose reach sets these are."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
         """The level-set functions of some of these inputs on the whole grid: (inputs, *grid.shape).
 
-        some : a slice of the rows, counted from the input `first`. A view where there is one piece on all axes, else
-            new.
+        A view where there is one piece on all axes, else a new array.
+
+        some : a slice of the inputs, counted from `first`; by default all.
         """
         if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
             return self.pieces[0][some]
@@ -433,6 +434,9 @@ class HJIGames(_OnAxes):
 
         In the moving frame they are shifts of one PDE's solution; else each input has its PDE, on small grids all
         solved at once.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
@@ -470,6 +474,8 @@ class HJIGames(_OnAxes):
 
         They are nodes x time steps x stages, and what calls of kernels cost; in the moving frame those of one PDE, and
         the shifts.
+
+        axes : the axes on which the game is played. avoid : whether it is an avoid game; else it is a reach game.
         """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
@@ -533,8 +539,9 @@ class HJIGames(_OnAxes):
     def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
         """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3; counted in `solved`.
 
-        values : (*shape) at the interval's end. planes : (*shape[:-2]) bool, in which the solution is needed; others
-            are undefined.
+        values : (*shape) at the interval's end. j : the index of the input.
+        planes : (*shape[:-2]) bool, where the solution is needed, undefined elsewhere; None: everywhere. Ignored if
+            intervals may end early.
         """
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
@@ -817,6 +824,9 @@ class HopfLaxGames(_OnAxes):
 
         They are maxima of `values` over the set that each input leads to at the end of the interval from a step; or,
         where the interval may end early, over a hull of the sets at all times at which it may end.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         if patch:
             patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
@@ -894,8 +904,10 @@ class HopfLaxGames(_OnAxes):
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
         """As `_OnAxes.operations`: an estimate of the operations of all inputs in the interval from a step.
 
-        It is that of `PIECES_COUNTED` pieces of the interval, times the number of pieces. `crossed` is set here, also
-        if it was larger.
+        It is the mean of `PIECES_COUNTED` pieces of the interval, times the number of pieces. `crossed` is set here,
+        also if it was larger.
+
+        axes : the axes on which the game is played. avoid : whether it is an avoid game; else it is a reach game.
         """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)

@@ -576,10 +576,12 @@ class GridSets:
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
-        """The plan of a solve in memory, in one slab, for `Slabs`.
+        """The plan of a solve by a method in memory, in one slab.
 
-        MemoryError where the solve does not fit. States the cost (`begin`), and warns of what the grid does not
-        resolve.
+        States the cost on the progress bar (`begin`), and warns of what the grid does not resolve. MemoryError if the
+        solve does not fit into memory.
+
+        former : an earlier solve, from which what cannot differ is copied; None: none.
         """
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps

@@ -193,8 +193,8 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """A new array of values (*grid.shape) with ghost nodes, as the kernels read them by the layout.
 
-    Ghost nodes lie before and behind those of the last two axes, of the last one on a grid of one axis. The result has
-    an axis for each of the grid.
+    Ghost nodes lie before and behind those of the last two axes, or of the only one. The result, of `dtype`, has as
+    many axes as the grid.
     """
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
@@ -226,6 +226,7 @@ def _field(
     parts : (count, leading..., *grid.shape); or (count, leading...) for functions that are constant, of which the
         result has one plane of nodes, which kernels read for all planes.
     leading : how many axes stand between `count` and those of the grid.
+    dtype : of the result.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:

@@ -161,7 +161,8 @@ class LookupTable(Table):
     def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
         """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
 
-        It has space for `most_tubes`; space never written takes no memory. Tubes are undefined, and no input is marked.
+        It has space for `most_tubes` of a dtype; space never written takes no memory. Tubes are undefined, and no input
+        is marked; the avoid tubes are those given, which have to be complete.
         Write with `value_array` and `mark_array`, call `share` for entries that are equal to the one before, and
         `finish` at the end.
         """
