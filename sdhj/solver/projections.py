@@ -139,7 +139,11 @@ class ProjectedGames:
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs, on all subspaces, of a reach or an avoid game: `_OnAxes.operations`."""
+        """As `sdhj.solver.games._OnAxes.operations`: an estimate of the operations of all inputs, on all subspaces.
+
+        axes : those that the avoid tubes depend on; ignored for a reach game, which is played on all subspaces.
+        avoid : whether it is an avoid game; else it is a reach game.
+        """
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
