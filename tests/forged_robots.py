@@ -304,20 +304,22 @@ def plane(radius=0.3, **dynamics):
     return sdhj.ReachAvoidProblem(grid, sdhj.Dynamics(inputs, **given), AWAY, [post], 0.25, 3)
 
 
-def pursued():
-    """A pursuer that runs along a line, on a wide ring on which a post comes nearer, too: (p, x, y)."""
+def pursued(*, height=-0.5, forbids=None, end="unsafe"):
+    """A pursuer that runs along a line, on a wide ring on which a post comes nearer, too: (p, x, y).
+
+    forbids : the inputs under which the post counts.
+    """
     pursuer = sdhj.UnsafeSet(
         (0, 1, 2), lambda q, t: np.hypot(1.27 * np.sin(np.pi / 4 * q[:, 1]), q[:, 2] - q[:, 0]) - 0.5, name="pursuer"
     )
     post = sdhj.UnsafeSet(
         (0, 1, 2),
-        lambda q, t: np.hypot(1.27 * np.sin(np.pi / 4 * (q[:, 1] - 1.0 + t)), q[:, 2] - 0.3 * q[:, 0] + 0.5) - 0.3,
+        lambda q, t: np.hypot(1.27 * np.sin(np.pi / 4 * (q[:, 1] - 1.0 + t)), q[:, 2] - 0.3 * q[:, 0] - height) - 0.3,
         name="post",
+        inputs=forbids,
     )
     inputs = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    grid = sdhj.Grid(
-        [-1.0, -2.0, -1.5], [1.0, 2.0, 1.5], [9, 9, 9], [False, True, False], ends=["wall", "wall", "unsafe"]
-    )
+    grid = sdhj.Grid([-1.0, -2.0, -1.5], [1.0, 2.0, 1.5], [9, 9, 9], [False, True, False], ends=["wall", "wall", end])
     return sdhj.ReachAvoidProblem(
         grid,
         sdhj.Dynamics(inputs[:, 1:], inputs, np.eye(3), [0.4, 0.1, 0.1]),
@@ -391,6 +393,8 @@ ROBOTS: dict[str, tuple[Callable[..., Any], tuple[int, ...], int]] = {  # the pr
     "before the seam": (lambda: ring(low=-9.0), (125,), 2),
     "cornered": (cornered, (30, 30), 3),
     "pursued": (pursued, (8, 16, 24), 2),
+    "pursued where it must not go up": (lambda: pursued(height=0.5, forbids=[2]), (8, 16, 24), 2),
+    "pursued without a target": (lambda: replace(pursued(end="wall"), target=None), (8, 16, 24), 2),
     "plane": (plane, (30, 30), 3),
     "to the left": (lambda: cornered(drift=[[-1.0, 0.0], [-1.0, 1.0], [-1.0, -1.0], [-2.0, 0.0]]), (30, 30), 3),
     "post in the target": (lambda: line(posts=(0.0, 3.0)), (80,), 1),

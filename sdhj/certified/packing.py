@@ -88,14 +88,14 @@ class Packing:
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
         """`add` where all cells move alike: what an image may miss is united as what a tube may meet."""
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
-        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))
+        first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32
         lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
         out_of_set = ~following.reshape(*[axis.count for axis in axes[:-1]], 1, -1)
-        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))
+        boxes = with_margins(out_of_set, axes[-1], far_beyond(lattice, first, last))  # obligation 3.35
         led, wanted = np.zeros_like(cells), cells if self.proof.shrinks else ~cells
         for inputs, missing in united(boxes, lattice, first, last, np.arange(len(first)), len(axes) - 1):
-            add_led(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)
-        cells[...] = led if self.proof.shrinks else cells | led
+            add_led(missing.reshape(cells.shape), some.marks, inputs, wanted, led, count)  # obligation 3.33
+        cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:
         """`add`, of sets that are packed as they are asked for."""

@@ -90,6 +90,7 @@ judges what is then proved, and tests/certified/check/test_forged_robots.py, whe
     4    every function of which a set's is the least        test_boxes_that_may_meet_a_set_are_counted
     4    laps of a tube, where an axis closes               "a set behind the seam", "a set before the seam"
     4    what is met 64 cells at a time                     test_what_tubes_overlap_is_united_as_plain_loops_say
+    3    where all go along, 64 cells at a time             test_cells_are_led_by_inputs_that_are_clear
     3, 4 all cells at once, in the checker                  test_what_windows_hold_is_united_as_plain_loops_say,
                                                             test_boxes_hold_all_of_tubes_that_are_alike
     4    only what has wholly left is out of danger         "a rock at a safe end"

@@ -77,13 +77,13 @@ def add_led(missing, clear, inputs, wanted, led, count):
     rows, words = led.shape
     for row in prange(rows):
         for word in range(words):
-            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]
+            some = ~missing[row, word] & wanted[row, word] & ~led[row, word]  # obligation 3.29
             for bit in range(64 * word, min(64 * word + 64, count) if some != 0 else 0):
-                if (some >> np.uint64(bit & 63)) & BIT == 0:
+                if (some >> np.uint64(bit & 63)) & BIT == 0:  # obligation 3.30
                     continue
                 number = np.int64(row) * count + bit
                 for j in inputs:
-                    if (clear[number, j >> 3] >> (j & 7)) & 1:
+                    if (clear[number, j >> 3] >> (j & 7)) & 1:  # obligation 3.31
                         led[row, word] |= BIT << np.uint64(bit & 63)
                         break
 

@@ -68,8 +68,8 @@ FALSE = {
     "laps of a set": ("4.5 put 7 {1} & False", "past the seam", CLEAR),
     "sets at the time of a step": ("4.6 put 2 [0.0] * {9}", "crossed", CLEAR),
     "sets in all of an interval": ("4.7 zero 10", "crossed", CLEAR),
-    "a clock that is off": ("4.8 copy 4 5; copy 7 8", "sensed", CLEAR),
-    "sets of some inputs": ("4.47 put 14 {16}.inputs is None", "forbidden", CLEAR),
+    "a clock that is off": ("4.8 zero 8; zero 11", "sensed", CLEAR),
+    "sets of some inputs": ("4.47 put 13 {15}.inputs is None", "forbidden", CLEAR),
     "sets that stand still": ("4.9 put 2 ()", "line", CLEAR),
     "sets that move": ("4.10 put 2 ()", "crossed", CLEAR),
     "clear in every step": ("4.11 zero 9", "crossed", CLEAR),
@@ -126,6 +126,15 @@ FALSE = {
     "every cell of an image at once": ("3.5 false 1", "line", NEARER),
     "what is past an end": ("3.6 drop 14", "circle", NEARER),
     "inputs that are clear": ("3.7 false 1", "beside a post", NEARER),
+    "words that miss nothing": ("3.29 drop 4", "pursued", NEARER),
+    "cells of a word that miss nothing": ("3.30 false 1", "pursued", NEARER),
+    "inputs of cells that go along": ("3.31 drop 2", "pursued where it must not go up", NEARER),
+    "which input of cells that go along": ("3.31 drop 11", "pursued where it must not go up", NEARER),
+    "where images of all cells end": ("3.32 copy 19 16", "pursued", NEARER),
+    "where images of all cells begin": ("3.32 copy 16 19", "pursued", NEARER),
+    "cells that no input keeps safe": ("3.34 put 5 False", "pursued without a target", NEARER),
+    "images past the ends of a row": ("3.35 zero 9", "pursued without a target", NEARER),
+    "every group of inputs": ("3.33 put 10 np.arange(len(first))", "pursued where it must not go up", NEARER),
 }
 # what is changed, the robot of which plain loops then say something else
 ANOTHER = {

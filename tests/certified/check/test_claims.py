@@ -16,7 +16,7 @@ from naive_certified import CIRCLE, LINE, SMALL, STILL
 import sdhj
 from sdhj.arm.case_studies import rebuild
 from sdhj.certified.check import verify
-from sdhj.certified.check.arm.claims import PI, Arm, Scene, counted
+from sdhj.certified.check.arm.claims import PI, Arm, Scene, cells_added
 
 pytestmark = pytest.mark.slow  # to compile the checker takes half a minute
 
@@ -280,7 +280,7 @@ def test_survey_agrees_with_the_twin(rng):
     steps, shape = 2, (4, 3, 5, 6)
     cells, index, pool = naive.sets_of(steps, shape, rng, [0.97] * 3)
     file = SimpleNamespace(steps=steps, pairs=naive.pairs(steps), counts=np.array(shape), index=index, pool=pool)
-    counts, grow = counted(file)
+    counts, grow = cells_added(file)
     assert grow.failed == 0
     expected, at = np.zeros_like(counts), 0
     for k in range(steps + 1):
@@ -301,4 +301,4 @@ def test_survey_agrees_with_the_twin(rng):
     np.testing.assert_array_equal(counts, expected)
     file.index = index.copy()
     file.index[1, 7] = np.flatnonzero((pool & pool[index[0, 7]] != pool[index[0, 7]]).any(axis=1))[0]
-    assert counted(file)[1].failures[0] == "start 0: the set within 0 is not inside the one within 1"
+    assert cells_added(file)[1].failures[0] == "start 0: the set within 0 is not inside the one within 1"

@@ -7,12 +7,12 @@ import pytest
 
 from sdhj.certified.check.lattice import Lattice, overlap
 
-NEAR, SWAY = np.array([1e-10, 2e-10]), np.array([0.01, 9.0])  # of which the second is more than a box
+NEAR, SWAY = np.array([1e-10, 2e-10]), np.array([0.0101, 9.0])  # of which the second is more than a box
 
 
 def lattice(pieces=3, periodic=(True, False)):
-    """Cells of some widths, one of them a layer of none."""
-    edges = [np.array([-1.0, -0.4, 0.1, 0.9, 1.0]), np.array([0.0, 0.0, 0.7, 1.4, 2.0])]
+    """Cells of some widths, one of them a layer of none; two edges are rounded more than an end beside them is."""
+    edges = [np.array([-1.0, -0.255, 0.13, 0.9, 1.0]), np.array([0.0, 0.0, 0.7, 1.4, 2.0])]
     return Lattice(edges, pieces, np.array(periodic), NEAR, SWAY)
 
 
@@ -23,11 +23,20 @@ def tubes(rng, edges):
     return low, high + rng.choice([0.0, 1e-10, 0.004, 0.02, 3.0], 400)
 
 
+def ends_at_rounding(edges, without):
+    """Ends of intervals that are looked up at an edge exactly, and some units of rounding beside it."""
+    units = np.arange(-3, 4)[:, None]
+    low, high = (at + units * np.spacing(at) for at in (edges - without, edges + without))
+    return np.append(low, high - 0.1), np.append(low + 0.1, high)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_boxes_cover_what_is_looked_up(axis, rng):
     """Every tube lies in the wider boxes that it is said to overlap, exactly; and each of them is near to it."""
     for own in (lattice(), lattice(1, (False, False))):
-        edges, (low, high) = own.edges[axis], tubes(rng, own.edges[axis])
+        edges = own.edges[axis]
+        drawn, rounded = tubes(rng, edges), ends_at_rounding(edges, own.without[axis])
+        low, high = (np.append(some, more) for some, more in zip(drawn, rounded, strict=True))
         first, last = own.overlapped(axis, low, high)
         n, begin, end = edges.size - 1, Fraction(edges[0]), Fraction(edges[-1])
         wide = own.boxes(np.tile(np.arange(n)[:, None], 2) % own.shape, 1)[:, :, axis]
