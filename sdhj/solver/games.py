@@ -377,10 +377,13 @@ class HJIGames(_OnAxes):
         all inputs. The frame applies if the scheme allows it and velocities are constant, unless some axis with a drift
 
         * has an unsafe end, and there is no target; or
-        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift.
-
-        At a wall the shift is clipped, which is wrong for a state that slides along the wall and leaves it again.
+        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift
+          under some input.
         """
+        # At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the
+        # interval. This is right where the disturbance moves the axis on its own, and where the state never turns back
+        # from the wall; a state that has slid along the wall and left it again is somewhere else.
+        #
         # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, because
         # tables for ever have been tested with them. On a line shifts would be better: after 30 steps of a fifth of a
         # cell, at 41 nodes, 0.067 of the set is promised wrongly by differences and 0.057 by shifts.
