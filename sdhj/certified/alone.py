@@ -18,7 +18,7 @@ from sdhj.certified.cells import CellAxis, is_steady, moved_bounds
 from sdhj.kernels import FloatArray
 from sdhj.problem.problem import ReachAvoidProblem
 
-Move = tuple[tuple[Fraction, Fraction], ...]
+Displacement = tuple[tuple[Fraction, Fraction], ...]  # the least and the greatest along each axis
 
 
 def axes_alone(problem: ReachAvoidProblem) -> list[int]:
@@ -35,11 +35,11 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
     """The share of the states, from 0 to 1, that are proved to reach the target within `steps` steps by its axes alone.
 
     The states start at step 0. Unsafe sets and all other axes are left out: the recursion is that of Theorem 2 with
-    nothing unsafe.
+    nothing unsafe. Without `Sensing` a cell counts as well if in its last interval it is led into the target itself.
 
-    axes : the cells of each of the axes that `axes_alone` returns, in that order.
+    axes : the cells of each of the axes that `axes_alone` returns, in that order; there must be some.
     """
-    moves = list(dict.fromkeys(_move(problem, j) for j in range(len(problem.inputs))))
+    moves = list(dict.fromkeys(_displacement(problem, j) for j in range(len(problem.inputs))))
     bounds, still = Bounds(problem), ((Fraction(0), Fraction(0)),) * len(axes)
     times = [problem.time(step) for step in range(steps + 1 if problem.target.moving else 1)]
     sets = [_in_target(bounds, axes, still, t) for t in times]
@@ -55,16 +55,18 @@ def proved_alone(problem: ReachAvoidProblem, axes: Sequence[CellAxis], steps: in
     return float(shares[sets[0]].sum())
 
 
-def _move(problem: ReachAvoidProblem, j: int) -> Move:
+def _displacement(problem: ReachAvoidProblem, j: int) -> Displacement:
     """The least and the greatest displacement in one interval under u_j along each of the target's axes, exactly."""
     return tuple(moved_bounds(problem, axis, j) for axis in problem.target.axes)
 
 
-def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -> FloatArray:
+def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Displacement, t: float) -> FloatArray:
     """Whether each cell, with its lower and upper ends displaced by `move`, is proved to lie in the target at time t.
 
-    Returns bool of shape (*counts), the numbers of cells of each of `axes`. move : the least and the greatest
-    displacement along each axis; zeros for the cells themselves.
+    Returns bool of shape (*counts), the numbers of cells of each of `axes`. False where it is not proved.
+
+    bounds : of the problem. move : the least and the greatest displacement along each axis; zeros for the cells
+    themselves. t : in s.
     """
     edges = [axis.edges() for axis in axes]
     sides = [[own[:-1] + float(back) for own, (back, _) in zip(edges, move, strict=True)]]
@@ -74,13 +76,15 @@ def _in_target(bounds: Bounds, axes: Sequence[CellAxis], move: Move, t: float) -
     return inside.reshape([axis.count for axis in axes])
 
 
-def _led_into(axes: Sequence[CellAxis], moves: Sequence[Move], inside: FloatArray) -> FloatArray:
-    """Which cells some of `moves` leads into the set `inside`, bool (*counts): bool of the same shape.
+def _led_into(axes: Sequence[CellAxis], moves: Sequence[Displacement], inside: FloatArray) -> FloatArray:
+    """Which cells at least one of `moves` leads into the set `inside`: bool (*counts), as `inside` is.
+
+    axes : the cells of each axis. moves : the displacements by each input, along each of these axes; at least one.
 
     The image of a cell, rounded out to whole cells, has to lie in the set. As an image is a product over the axes, the
     set is eroded along one axis after the other.
     """
-    led: dict[Move, FloatArray] = {(): inside}
+    led: dict[Displacement, FloatArray] = {(): inside}
     for move in moves:
         for k, axis in enumerate(axes):
             if move[: k + 1] not in led:

@@ -35,7 +35,7 @@ def sites_of(
     else N; bytes hold one bit for each input. Strides and shape are 0 where images are judged by cells alone: without a
     target, or with `Sensing`.
 
-    depends : (ndim,) bool, the axes of a place (`place_axes`).
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
     """
     strides = np.zeros(len(axes), np.int64)
     if problem.has_no_target or problem.sensing:
@@ -67,6 +67,7 @@ class Arrivals:
 
         start : the index of the interval in `proof.low` and `proof.high`; 0 where one image serves all steps, which are
             then all marked.
+        places : their numbers, whose moves are already in the proof.
         last (M, ndim, 2) : how far the lower and the upper ends of the cells have moved at the end of the interval.
         """
         arrives, proof = self.proof.arrives, self.proof

@@ -33,6 +33,9 @@ def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
 class Bounds:
     """Bounds on the velocity and on the level-set functions of a problem, over boxes of states and intervals of time.
 
+    Only the part of a box that is on the grid counts. Bounds are infinite where a function may be undefined; ValueError
+    from any method where a black box declares too little.
+
     vertices (V, D) : signs, -1 or 1, of the vertices of the disturbance's box, to which the adversary then keeps: the
         index j * V + v stands for input j under vertex v. None: any disturbance within its bounds, and indices are
         those of the inputs.
@@ -49,7 +52,7 @@ class Bounds:
         """The least and the greatest velocity under u_j for states in boxes from low to high, (M, ndim) each.
 
         Returns (2, M, ndim), for all times from t0 to t1, s; infinite where no bound is known. Only the part of a box
-        that is on the grid counts.
+        that is on the grid counts. With vertices j is j * V + v (`Bounds`).
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
@@ -75,7 +78,7 @@ class Bounds:
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """The least and the greatest value of a level-set function in boxes (M, axes) of the set's axes: (2, M).
 
-        The bounds hold for all times from t0 to t1, s.
+        The bounds hold for all times from t0 to t1, s. part : the set. low, high : the corners of the boxes.
         """
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 
@@ -102,9 +105,10 @@ class Bounds:
         set's axes, n2 along the second, and so on. Tiles of many boxes are bounded first, and a single box only where
         its tile leaves the sign open. 0 means that the function has both signs, or that nothing is proved.
 
-        low, high : for each axis of the set the lower and the upper ends of its intervals, both ascending.
+        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
         times : the least and the greatest time, s.
-        halvings : how often a box of open sign is cut in two along each axis.
+        halvings : how often a box of open sign is cut in two along each axis, at most, and as long as the pieces of all
+            such boxes are no more than `MOST_HALVES`.
         """
         return self._signs(part.axes, part.level_set, low, high, times, halvings)
 
@@ -122,7 +126,9 @@ class Bounds:
         Returns bool of the shape that `signs` has. The function may be the least of several: these are asked one after
         the other, each only where all before it are > 0.
 
-        low, high, times, halvings : as for `signs`.
+        low, high : for each axis of the set the lower and the upper ends of its intervals, at least one, ascending.
+        times : the least and the greatest time, s.
+        halvings : how often a box of open sign is cut in two along each axis, at most (`Bounds.signs`).
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
@@ -140,8 +146,9 @@ class Bounds:
         halvings: int,
         asked: FloatArray | bool = True,
     ) -> FloatArray:
-        """`signs` for any function: 1 where it is > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
+        """As `Bounds.signs` for any function: 1 where > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
 
+        low, high, times, halvings : as there.
         axes, function : the function, a formula or a black box, and the axes of the grid that it depends on.
         asked : bool (n1, n2, ...), the boxes that are bounded one by one; any other box has the sign of its tile.
         """
@@ -175,6 +182,8 @@ class Bounds:
 
         A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
         are no more than `most`. A box that is still open then is False.
+
+        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest.
         """
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
@@ -205,7 +214,7 @@ class Bounds:
         """The sign of a function in each box (M, axes) at all times: 1 where > 0, -1 where <= 0, else 0; (M,) int8.
 
         A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
-        are no more than `most`.
+        are no more than `most`. axes, function : as for `_signs`. low, high : the corners. times : least and greatest.
         """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
@@ -230,7 +239,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
 
 
 def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
-    """Yield the indices (n,) in runs of at most `BOXES`, one after the other."""
+    """Yield the indices `places` (n,) in runs of at most `BOXES`, one after the other; none if there are none."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
 

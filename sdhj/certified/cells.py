@@ -100,16 +100,22 @@ def period_bounds(lower: float, upper: float) -> tuple[Fraction, Fraction]:
 class CellAxis:
     """The cells of one axis, from its lower end on; the last one is cut at the upper end.
 
-    Cell i is [lower + i * width, lower + (i + 1) * width]. The length of a periodic axis may be known up to an interval
-    only; that of a bounded axis is exact. There may be a layer, a cell of no width, before the first and behind the
-    last of these cells; layers count as cells and have indices.
+    Cell i is [lower + i * width, lower + (i + 1) * width]. There may be a layer, a cell of no width, before the first
+    and behind the last of these cells; layers count as cells and have indices, so with one at the lower end this is
+    cell i + 1.
+
+    lower : the lower end of the axis, in its unit, as `extent` and `width` are.
+    extent : the least and the greatest that the length of the axis may be; equal on a bounded axis, while a period may
+        be known up to an interval only.
+    width : of the cells. periodic : whether the axis is.
+    layers : how many there are at the lower and at the upper end, 0 or 1.
     """
 
     lower: Fraction
-    extent: tuple[Fraction, Fraction]  # bounds on the length of the axis
+    extent: tuple[Fraction, Fraction]
     width: Fraction
     periodic: bool
-    layers: tuple[int, int] = (0, 0)  # how many there are at the lower and at the upper end
+    layers: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         """Raise ValueError where the last cell would be narrower than what is not known of the period."""
@@ -159,7 +165,8 @@ class CellAxis:
         """The first and the last cell that a cell overlaps after its ends have moved, as offsets from the cell.
 
         Returns two (M,) int64. What sticks out of a cell by no more than `DRIFT` of the scale counts as inside it. Not
-        clipped at the ends of the axis, unless there are layers. Offsets without a defined value are +-`UNCOUNTABLE`.
+        clipped at the ends of the axis, unless there are layers. Offsets beyond `UNCOUNTABLE` are clipped to it, and
+        undefined ones are `UNCOUNTABLE`.
 
         cell (M,) : the indices of the cells.
         low, high : how far the lower and the upper ends have moved, in the axis's unit: (M,), or a number for all.
@@ -184,7 +191,11 @@ class CellAxis:
         """`moved` on an axis with layers: the first and the last cell that each cell then overlaps, as offsets.
 
         Two (M,) int64. An image is in the layer at a wall where all of it is held at that wall; no other image overlaps
-        a layer. Drift is already taken off low and high.
+        a layer.
+
+        cell (M,) : the indices of the cells, layers among them.
+        low, high : how far the lower and the upper ends have moved, as for `CellAxis.moved`, but low is larger and high
+            smaller by what may stick out of a cell, `DRIFT` of the scale.
         """
         width, length, (lower, upper) = float(self.width), float(self.extent[0]), self.layers
         edges, last = self.edges() - float(self.lower), self.count - 1
@@ -212,7 +223,11 @@ def _edges(axis: CellAxis) -> NDArray[np.float64]:
 
 
 def axis_of(grid: Grid, axis: int, width: Fraction, layers: tuple[int, int] = (0, 0)) -> CellAxis:
-    """The cells of this width on an axis of a grid, with `layers` at both ends; ValueError as of `CellAxis`."""
+    """The cells of this width on an axis of a grid; ValueError as from `CellAxis`, of a periodic axis.
+
+    axis : its number. width : positive, in the axis's unit. layers : how many there are at the lower and the upper end;
+    not checked to be at walls.
+    """
     lower, upper, periodic = grid.lower[axis], grid.upper[axis], grid.periodic[axis]
     extent = period_bounds(lower, upper) if periodic else (exact(upper) - exact(lower),) * 2
     return CellAxis(exact(lower), extent, width, periodic, layers)
@@ -241,8 +256,9 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
 def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0, 0)) -> CellAxis:
     """The cells of an axis of a grid as a file states them.
 
-    width, count, layers : of a cell, a text such as "1/3"; the number of cells; the numbers of layers at both ends.
-        None of these is checked yet.
+    axis : its number.
+    width : of a cell, a text such as "1/3". count : the number of cells, layers among them. layers : the numbers of
+        layers at both ends. None of these is checked yet, and each may be anything.
 
     ValueError where the cells do not cover the axis, are more than `MOST_CELLS`, or have a layer at an end that is no
     wall.
@@ -269,7 +285,8 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
 
     A layer is there a cell of full width outside the wall, so states at the wall are on its border.
 
-    rows : how many leading axes number the blocks; the cells of the others are packed into bits.
+    axes : the cells of each axis. rows : how many leading axes number the blocks; the cells of the others are packed
+        into bits.
     told : whether only a point that says so is in a layer (`Cells.told`).
     """
     return Cells(
@@ -287,7 +304,8 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
 def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
     """Whether the velocity along an axis depends on the input and the disturbance alone, as `moved_bounds` needs it.
 
-    With `Sensing`, and dynamics that are not constant, it is True only where the controller remembers.
+    True of every axis of constant dynamics. With `Sensing`, and other dynamics, it is False unless the controller
+    remembers; with black boxes it is always False.
     """
     dynamics = problem.dynamics
     known = not problem.sensing or problem.sensing.remembers  # what a prediction may be off by does not add up
@@ -297,15 +315,17 @@ def is_steady(problem: ReachAvoidProblem, axis: int) -> bool:
 
 
 def velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """The least and the greatest velocity along one axis under input j, exactly; only for an axis that `is_steady`.
+    """The least and the greatest velocity along one axis under input j; only for an axis that `is_steady`.
 
-    Computed once for each axis and input, and remembered by the problem.
+    Of constant dynamics drift -+ sum |gain| bounds, exactly, of the numbers as `measured` reads them. Of others the
+    bounds that its formulas have, which are rounded, as `measured` reads these. Computed once for each axis and input,
+    and remembered by the problem.
     """
     return problem.remembered(("velocity bounds", axis, j), partial(_velocity_bounds, problem, axis, j))
 
 
 def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """`velocity_bounds`, computed anew."""
+    """What `velocity_bounds` returns for this axis and input j, computed anew; not checked to be steady."""
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]
@@ -331,11 +351,11 @@ def unknown(problem: ReachAvoidProblem, axis: int) -> Fraction:
 
 
 def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fraction, Fraction]:
-    """The least and the greatest displacement of a prediction along one axis in an interval under input j, exactly.
+    """The least and the greatest displacement of a prediction along one axis in an interval under input j.
 
-    It is velocity times any length that the interval may have, widened by 2 E: from the prediction at the interval's
-    begin to the one at its end. For a controller that remembers it is not widened: there the next point is the one that
-    is carried on. Only for an axis that `is_steady`.
+    Exact as far as `velocity_bounds` is. It is velocity times any length that the interval may have, widened by 2 E:
+    from the prediction at the interval's begin to the one at its end. For a controller that remembers it is not
+    widened: there the next point is the one that is carried on. Only for an axis that `is_steady`.
     """
     (slow, fast), memory = velocity_bounds(problem, axis, j), problem.sensing.remembers
     off = 0 if memory else 2 * unknown(problem, axis)
@@ -347,10 +367,10 @@ def moved_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fractio
 def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: int) -> Fraction:
     """A cell width that divides every length in `moves`, for about `wish` cells on an axis of length `extent`.
 
-    Where the lengths have no common measure that gives a sensible number of cells, it is extent / wish: this is sound
-    as well, but every image is rounded out to whole cells.
+    It is extent / wish where there is no length but 0, or where the largest width that divides them all would make more
+    than twice the cells wished for: this is sound as well, but every image is rounded out to whole cells.
 
-    whole : whether the width is to divide the extent, too.
+    moves : lengths, of any sign. whole : whether the width is to divide the extent, too. wish : at least 1.
     """
     lengths = [abs(move) for move in [*moves, *([extent] if whole else [])] if move != 0]
     if not lengths:
@@ -364,15 +384,16 @@ def aligned_width(extent: Fraction, whole: bool, moves: list[Fraction], wish: in
 
 
 def aligned(problem: ReachAvoidProblem, cells: Sequence[int]) -> tuple[CellAxis, ...]:
-    """The cells of all axes, about cells[k] along axis k, of widths chosen as by `aligned_width`.
-
-    Where an axis `is_steady`, widths divide what an interval moves a state by, where possible.
-    """
+    """The cells of all axes, about cells[k] >= 1 along axis k: of each what `aligned_choices` has for this wish."""
     return tuple(aligned_choices(problem, axis, [wish])[0] for axis, wish in enumerate(cells))
 
 
 def aligned_choices(problem: ReachAvoidProblem, axis: int, wishes: Sequence[int]) -> list[CellAxis]:
-    """The cells of one axis for each of `wishes`, about how many there are to be; widths as of `aligned_width`."""
+    """The cells of one axis, with its layers, for each of `wishes`, about how many there are to be, each at least 1.
+
+    Where the axis `is_steady`, widths divide what inputs and disturbance move a state by in an interval and, unless it
+    is periodic, the axis, as far as `aligned_width` can; else they are extent / wish as near as the axis allows.
+    """
     grid, moves = problem.grid, set()
     extent = axis_of(grid, axis, Fraction(1)).extent[1]
     for j in range(len(problem.inputs)) if is_steady(problem, axis) else ():

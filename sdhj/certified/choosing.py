@@ -69,7 +69,7 @@ TRIALS = 16  # of the numbers of cells
 WISHES = 1000  # numbers of cells that an axis may have
 LEAP = 1.05  # an axis that gains more from one trial to the next keeps its number, and the others go on
 LOSING_STEPS = 200  # over which losses are added up, at most
-WAYS = 16  # in which inputs are asked how far they move
+DIRECTIONS = 16  # in which inputs are asked how far they move
 SLOWED = 100.0  # how many times a loss counts, at most, because steps lead less far for it
 SHARPNESS = 2 / 3
 DECAY = 0.4  # tells which of two numbers of cells proves more, of nine robots
@@ -103,7 +103,7 @@ class Speeds(NamedTuple):
     extremes (2, ndim) : the least and the greatest velocity of all states, inputs and disturbances.
     jacobians (SPEED_STATES, ndim, ndim) : J of each state, under one of the inputs, by differences, without a
         disturbance.
-    ways : the displacements by the inputs along the axes with one velocity (`Ways`), or None where there is no such
+    displacements : those by the inputs along the axes with one velocity (`Displacements`); None where there is no such
         axis.
     """
 
@@ -111,13 +111,14 @@ class Speeds(NamedTuple):
     widths: FloatArray
     extremes: FloatArray
     jacobians: FloatArray
-    ways: Any
+    displacements: Any
 
 
 def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tuple[int, ...]:
     """The number of cells on each axis, before they are aligned, whose solve takes about `seconds` s on two cores.
 
-    By the model in the module docstring, so a problem has the same numbers on every machine.
+    By the model in the module docstring: it is no clock, so a problem has the same numbers on every machine. Fewer
+    cells where memory (`MOST_BYTES`) is what is short, or where more would prove hardly more (`WORTH`).
 
     parts : into which an interval is cut.
     """
@@ -134,7 +135,7 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
     def kept(places: list[int]) -> float:
         """What a choice of cells keeps by the model: the sum over n = 0..steps of exp(-DECAY * loss in n steps).
 
-        places : for each axis the index of its choice in `cells`.
+        places : for each axis the index of its choice in `cells`. From 0 to steps + 1.
         """
         once = sum(rates[0, k] * float(cells[k][place].width) for k, place in enumerate(places))
         each = (float(lost[every, places].sum()) - once) / steps
@@ -149,11 +150,15 @@ def chosen_cells(problem: ReachAvoidProblem, parts: int, seconds: float) -> tupl
 
 
 def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
-    """About as many cells as are wished, of which edges are faces of the target, as nearly as can be.
+    """About as many cells as are wished along an axis, with edges as near to the target's faces as can be.
 
-    What is lost there is lost again in all steps, as what gets to a smaller set is smaller. Cells that are aligned
-    with what inputs move stay as they are.
+    At most the share `FITTED`, or one, more or fewer. The wish itself where there is no target, the axis is none of the
+    target's or has no faces (`_faces`), and where the velocity along it is the same everywhere (`is_steady`), as cells
+    are aligned with what inputs move there.
+
+    wish : a number of cells, at least 2.
     """
+    # what is lost at a face is lost again in all steps, as what gets to a smaller set is smaller
     if problem.has_no_target or axis not in problem.target.axes or is_steady(problem, axis):
         return wish
     faces = _faces(problem, axis)
@@ -163,7 +168,7 @@ def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
     more = max(round(FITTED * wish), 1)
 
     def missing(count: int) -> float:
-        """What the cells in the target leave of it, between these faces."""
+        """The share of the axis that is in the target, between its faces, but in none of the cells inside: from 0."""
         low, high = ((face - problem.grid.lower[axis]) / extent * count for face in faces)
         return (math.ceil(low - ROUNDED) - low + high - math.floor(high + ROUNDED)) / count
 
@@ -172,13 +177,22 @@ def _fitted(problem: ReachAvoidProblem, axis: int, wish: int) -> int:
 
 
 def _faces(problem: ReachAvoidProblem, axis: int) -> tuple[float, float] | None:
-    """Where lines along an axis enter and leave the target, if that is the same for all of some; else None."""
+    """Where lines along an axis enter and leave the target, the two coordinates; None if that differs between lines.
+
+    At the first time, on `LINES` lines through the deepest of random states, of a fixed seed; to `FLAT` of the axis.
+    None as well where the random state of a line is not inside, or no state outside is found on one side of it.
+
+    axis : one of the target's axes.
+    """
     target, grid, t = problem.target, problem.grid.subgrid(problem.target.axes), problem.time(0)
     drawn = np.random.default_rng(0).uniform(grid.lower, grid.upper, (SET_STATES, grid.ndim))
     lines, k = drawn[np.argsort(target.level_set(drawn, t))[:LINES]], target.axes.index(axis)
 
     def inside(line: FloatArray, places: FloatArray) -> FloatArray:
-        """Whether states (M,) on a line are in the target."""
+        """Whether each of M states on a line is in the target: (M,) bool.
+
+        line (d,) : a state on it. places (M,) : the states' coordinates along the axis.
+        """
         states = np.tile(line, (len(places), 1))
         states[:, k] = places
         return np.asarray(target.level_set(states, t) <= 0.0)
@@ -214,9 +228,10 @@ def _by_axes_alone(
     times, since tubes of wide cells meet unsafe sets, and losses on the other axes `LEFT` times; both for each unit of
     what the boundaries of unsafe sets take of the states outside.
 
-    parts : into which an interval is cut. seconds : what the solve may take.
-    cells : for each axis its choices of cells, from few to many.
-    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
+    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
+    cells : for each axis its choices of cells, from few to many, equally many for all axes.
+    rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates; a row is
+        not used where `axes_alone` has the axis.
     """
     alone, steps = axes_alone(problem), losing_steps(problem, speeds)
     if not alone:
@@ -237,7 +252,7 @@ def _by_axes_alone(
 
 
 def _picked(cells: Sequence[Sequence[CellAxis]], places: Iterable[int]) -> tuple[CellAxis, ...]:
-    """The chosen cells of every axis: cells[k][places[k]] for axis k."""
+    """The chosen cells of every axis: cells[k][places[k]] for axis k; `cells` and `places` are equally long."""
     return tuple(own[place] for own, place in zip(cells, places, strict=True))
 
 
@@ -247,9 +262,10 @@ def _led_far(
     """Choices of cells for the axes `alone`, from few cells to many: {axis: index of its choice in cells[axis]}.
 
     Along an axis only those choices count that are the widest cells of which the farthest displacement by an input
-    passes k whole ones, for k = 1, 2, ...; where there are none, all of them. On all axes together those are combined
-    that lose about alike.
+    passes k whole cells, for k = 1, 2, ...; all choices where there is no such one. On all axes together those are
+    combined that lose about alike: at most `LEADING` choices, possibly none.
 
+    alone : numbers of axes, at least one.
     cells : for each axis its choices of cells, from few to many.
     m (ndim,) : what is lost at once for each unit of a cell's width.
     most : the number of images, cells times inputs, from which on a choice is left out.
@@ -285,12 +301,14 @@ def _spread(
 ) -> list[int]:
     """The choice of cells, an index for each axis, that loses least of all that `seconds` and memory pay for.
 
-    Each axis has the choice of least factor * lost / share^(1 - SHARPNESS) + log(number of cells); the factor, one for
-    all axes, is found by bisection.
+    Each axis has the choice of least factor * lost / share^(1 - SHARPNESS) + log(number of cells), share being what a
+    single cell as wide as the axis would lose; the factor, one for all axes, is found by bisection. Where even the
+    smallest factor does not fit, its choices are returned all the same.
 
-    parts : into which an interval is cut. cells : for each axis its choices of cells, from few to many.
+    parts : into which an interval is cut. seconds : what the solve may take, on two cores. speeds : of the problem.
+    cells : for each axis its choices of cells, from few to many, equally many for all axes.
     rates (3, ndim) : as `losses` returns them. lost (ndim, choices) : what each choice loses by these rates.
-    given : the indices of the axes that are chosen already.
+    given : for the axes whose choice is made already, its index: {axis: index}.
     """
     every = np.arange(len(cells))
     shares = rates.sum(axis=0) * np.subtract(problem.grid.upper, problem.grid.lower)
@@ -301,7 +319,10 @@ def _spread(
         crowd[axis, np.arange(counts.shape[1]) != place] = np.inf
 
     def chosen(factor: float) -> FloatArray:
-        """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd."""
+        """For each axis the index (ndim,) of its choice of least factor * lost / share^(1 - SHARPNESS) + crowd.
+
+        crowd is the logarithm of the number of cells, infinite for choices that are ruled out.
+        """
         return np.argmin(factor * lost * shares[:, None] ** (SHARPNESS - 1) + crowd, axis=1)
 
     def fits(places: FloatArray) -> bool:
@@ -327,12 +348,13 @@ def _spread(
 def losing_steps(problem: ReachAvoidProblem, speeds: Speeds) -> int:
     """The number of steps over which losses are added up: until the slowest coordinate that moves has crossed its axis.
 
-    At least 1, at most N and `LOSING_STEPS`; 1 where a velocity is undefined.
+    At least 1, at most `LOSING_STEPS` and `problem.most_steps`; 1 where a velocity is undefined, which is refused where
+    its bounds are asked for. speeds : of the problem (`speeds_of`).
     """
     fastest = np.abs(speeds.extremes).max(axis=0)
     extent = np.subtract(problem.grid.upper, problem.grid.lower)
     longest = (extent / np.where(fastest > 0, fastest, np.inf)).max() / problem.delta
-    if not math.isfinite(longest):  # a velocity is undefined, which is said where its bounds are asked for
+    if not math.isfinite(longest):
         return 1
     return int(min(problem.most_steps, max(math.ceil(longest), 1), LOSING_STEPS))
 
@@ -362,37 +384,43 @@ def losses(problem: ReachAvoidProblem, speeds: Speeds) -> FloatArray:
 def lost_to(
     problem: ReachAvoidProblem, axis: int, rates: FloatArray, choices: Sequence[CellAxis], speeds: Speeds
 ) -> FloatArray:
-    """The share of a set that is lost to each of n choices of the cells of one axis: (n,).
+    """The share of a set that is lost to each of n choices of the cells of one axis, (n,); it may be more than 1.
 
-    rates (3,) : the axis's column of what `losses` returns.
+    The cells' width times the first two rates, plus the third times what `rounded_out` returns.
+
+    rates (3,) : the axis's column of what `losses` returns; the third is 0 unless the axis `is_steady`. choices : the
+    cells of the axis, n times. speeds : of the problem.
     """
     widths = np.array([float(own.width) for own in choices])
     if not rates[2]:
         return np.asarray((rates[0] + rates[1]) * widths)
-    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths, speeds.ways)
+    return (rates[0] + rates[1]) * widths + rates[2] * rounded_out(problem, axis, widths, speeds.displacements)
 
 
-def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways: "Ways") -> FloatArray:
+def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, displaced: "Displacements") -> FloatArray:
     """By how much images in whole cells fall short of the displacements by the inputs along a steady axis: (n,).
 
-    In the axis's unit, for each cell width in `widths` (n,). The axis is one of `ways.axes`. Along each way (`Ways`)
-    let the input that leads farthest lead by P, and the one that leads farthest in whole cells by P': then P - P' is
-    lost, in P / P' times as many steps. Where the coordinate carries others along to a target, an image that ends too
-    late misses the target as well, and that is added. Where all inputs move the coordinate alike, it is half of what
-    rounding adds to both ends of an image.
+    In the axis's unit, a mean over directions. Along each direction let the input that leads farthest lead by P, and
+    the one that leads farthest in whole cells by P': then P - P' is lost, in P / P' times as many steps, at most
+    `SLOWED` times. Where the velocity depends on the coordinate and there is a target, what the image ends too late by
+    is added, as it misses the target as well. Where all inputs move the coordinate alike, it is half of what rounding
+    adds to both ends of an image.
+
+    axis : one of `displaced.axes`. widths (n,) : of the cells of each choice; in a direction all axes are cut into
+    cells of the same share of their scale.
     """
     drift, out = DRIFT * max(abs(problem.grid.lower[axis]), abs(problem.grid.upper[axis])), np.zeros(len(widths))
-    at = ways.axes.index(axis)
-    if not ways.scales[at]:  # no input moves it, but what cannot be chosen
-        low, high = ways.moves[at, 0]
+    at = displaced.axes.index(axis)
+    if not displaced.scales[at]:  # no input moves it, but what cannot be chosen
+        low, high = displaced.moves[at, 0]
         ends = np.ceil((high - drift) / widths) * widths - high, low - np.floor((low + drift) / widths) * widths
         return np.maximum(sum(ends), 0.0) / 2
-    some = np.flatnonzero(ways.scales)
-    scales, moves = ways.scales[some], ways.moves[some] / ways.scales[some, None, None]
-    own, each = some.tolist().index(at), np.arange(len(ways.drawn))
-    share, sign = np.abs(ways.drawn[:, some]), ways.drawn[:, some] > 0
-    near = np.where(sign.T[:, :, None], moves[:, None, :, 0], -moves[:, None, :, 1])  # (axes, ways, inputs)
-    far = np.where(sign[:, own, None], moves[own, :, 1], -moves[own, :, 0])  # (ways, inputs)
+    some = np.flatnonzero(displaced.scales)
+    scales, moves = displaced.scales[some], displaced.moves[some] / displaced.scales[some, None, None]
+    own, each = some.tolist().index(at), np.arange(len(displaced.directions))
+    share, sign = np.abs(displaced.directions[:, some]), displaced.directions[:, some] > 0
+    near = np.where(sign.T[:, :, None], moves[:, None, :, 0], -moves[:, None, :, 1])  # (axes, directions, inputs)
+    far = np.where(sign[:, own, None], moves[own, :, 1], -moves[own, :, 0])  # (directions, inputs)
     most = np.einsum("wa,awj->wj", share, near).max(axis=1)
     late = float(not problem.has_no_target and bool(problem.dynamics.reads[:, axis].any()))
     for i, width in enumerate(widths / scales[own]):  # all axes cut alike, in units of what inputs move on them
@@ -408,24 +436,28 @@ def rounded_out(problem: ReachAvoidProblem, axis: int, widths: FloatArray, ways:
     return out * scales[own]
 
 
-class Ways(NamedTuple):
-    """Directions in which inputs may lead, and the inputs' displacements in one interval, along the steady axes.
+class Displacements(NamedTuple):
+    """The inputs' displacements in one interval along the axes with one velocity, and directions to compare them in.
 
-    axes (a) : the numbers of the axes that are steady (`is_steady`).
-    moves (a, L', 2) : the least and the greatest displacement along each by each input; inputs that are alike count
-        once.
+    axes (a) : the numbers of the axes along which the velocity is the same everywhere (`is_steady`).
+    moves (a, L', 2) : the least and the greatest displacement along each by each input, in its unit; inputs that are
+        alike count once.
     scales (a,) : the range of the inputs' mean displacements along each axis; 0 where all inputs are alike.
-    drawn (n, a) : unit vectors in units of these scales, drawn at random, each followed later by its opposite.
+    directions (2 n, a) : unit vectors in units of these scales, n drawn at random, then their opposites; 0 along axes
+        of scale 0.
     """
 
     axes: list[int]
     moves: FloatArray
     scales: FloatArray
-    drawn: FloatArray
+    directions: FloatArray
 
 
-def _ways(problem: ReachAvoidProblem) -> Ways | None:
-    """The `Ways` of a problem; None where no axis `is_steady`. The directions are drawn with a fixed seed."""
+def _displacements(problem: ReachAvoidProblem) -> Displacements | None:
+    """The `Displacements` of a problem, n being `DIRECTIONS`, or 1 if inputs differ along one axis at most.
+
+    None where no axis `is_steady`. The directions are drawn with a fixed seed.
+    """
     axes = [axis for axis in range(problem.grid.ndim) if is_steady(problem, axis)]
     if not axes:
         return None
@@ -434,18 +466,20 @@ def _ways(problem: ReachAvoidProblem) -> Ways | None:
     moves = np.unique(moves, axis=1)
     scales = np.ptp(moves.mean(axis=2), axis=1)
     scales = np.where(scales > 1e-9 * np.abs(moves).max(axis=(1, 2)), scales, 0.0)
-    drawn = np.random.default_rng(0).normal(size=(WAYS if (scales > 0).sum() > 1 else 1, len(axes))) * (scales > 0)
+    many = DIRECTIONS if (scales > 0).sum() > 1 else 1
+    drawn = np.random.default_rng(0).normal(size=(many, len(axes))) * (scales > 0)
     drawn /= np.maximum(np.linalg.norm(drawn, axis=1, keepdims=True), 1e-300)
-    return Ways(axes, moves, scales, np.concatenate([drawn, -drawn]))
+    return Displacements(axes, moves, scales, np.concatenate([drawn, -drawn]))
 
 
 def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
     """m (ndim,): how often lines along each axis cross the boundary of a set, for each unit of length inside it.
 
-    Counted between nodes of the problem's grid, or of a coarser one, for the target, each unsafe set and unsafe ends,
-    and added up.
+    In the inverse of the axes' units, and added up over the target, each unsafe set and unsafe ends. Counted between
+    nodes of the problem's grid, or of a coarser one of at most `SET_NODES`; a mean over the first, the middle and the
+    last time for a set that moves. A set without nodes counts as one with a single node.
 
-    left : count the unsafe sets alone, for each unit of length that lines are outside.
+    left : count the unsafe sets alone, without ends, for each unit of length that lines are outside.
     """
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
@@ -462,7 +496,10 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
 
 
 def speeds_of(problem: ReachAvoidProblem) -> Speeds:
-    """The `Speeds` of a problem: bounds on the velocity at random states, of a fixed seed, and in small boxes there."""
+    """The `Speeds` of a problem: bounds on the velocity at `SPEED_STATES` random states and in small boxes there.
+
+    At the first time; the states are drawn with a fixed seed. Entries are not finite where a velocity is undefined.
+    """
     grid, bounds, t, count = problem.grid, Bounds(problem), problem.time(0), len(problem.inputs)
     size = BOX * np.subtract(grid.upper, grid.lower)
     states = grid.lower + size * np.random.default_rng(0).uniform(0.0, 1 / BOX - 1, (SPEED_STATES, grid.ndim))
@@ -479,18 +516,19 @@ def speeds_of(problem: ReachAvoidProblem) -> Speeds:
                 there = np.array(bounds.velocity(j, at + size * unit[k], at + size * unit[k], t, t))
                 jacobians[own, :, k] = (there - here).mean(axis=0) / size[k]
     extremes = np.stack([ends[0].min(axis=(0, 1)), ends[1].max(axis=(0, 1))])
-    return Speeds(np.maximum(wider, 0.0), (ends[1] - ends[0]).mean(axis=(0, 1)), extremes, jacobians, _ways(problem))
+    widths = (ends[1] - ends[0]).mean(axis=(0, 1))
+    return Speeds(np.maximum(wider, 0.0), widths, extremes, jacobians, _displacements(problem))
 
 
 def cost(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
 ) -> tuple[float, float]:
-    """The seconds of one core that preparing a proof takes, and those of the recursion, with these cells.
+    """The seconds of one core that preparing a proof takes, and those of the recursion: (preparing, recursion).
 
-    (preparing, recursion), counts of operations times the constants above.
+    Sums of what `costs` returns, whose arguments these are.
 
-    parts : into which an interval is cut. boxes : in how many boxes the level-set function of each unsafe set is
-        bounded.
+    axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
+    boxes : in how many boxes the level-set function of each unsafe set is bounded.
     """
     each = costs(problem, axes, parts, speeds, boxes)
     return each["intervals"] + each["unsafe sets"] + each["arrivals"], each["recursion"]
@@ -499,7 +537,13 @@ def cost(
 def costs(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, speeds: Speeds, boxes: int = BOXES_OF_A_SET
 ) -> dict[str, float]:
-    """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion"."""
+    """Seconds of one core that each part of a solve takes: "intervals", "unsafe sets", "arrivals", "recursion".
+
+    Counts of operations times the constants of this module, so the same on every machine.
+
+    axes : the cells of each axis. parts : into which an interval is cut. speeds : of the problem (`speeds_of`).
+    boxes : in how many boxes the level-set function of each unsafe set is bounded.
+    """
     depends = place_axes(problem, axes)
     moves, clear = shapes(problem, axes, depends)[1:]
     starts, count, places, ndim = moves
@@ -526,13 +570,15 @@ def _cost_of_sets(
 ) -> float:
     """Seconds to mark the cells of which tubes may meet an unsafe set, or leave by an unsafe end.
 
-    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place.
+    often : (starts of moves, starts of clear inputs, parts of an interval), how many of each there are.
+    speeds : of the problem. boxes : in how many boxes the level-set function of each unsafe set is bounded.
     """
     (starts, times, parts), count, out = often, len(problem.inputs), 0.0
     cells = math.prod(axis.count for axis in axes)
 
     def asked(axes_of: Iterable[int]) -> float:
-        """The number of cells for which an input's tubes are tested against what depends on the axes `axes_of`."""
+        """For how many cells a tube is tested against a set of the axes `axes_of`: one of those that are alike."""
         return cells / math.prod(axis.count for k, axis in enumerate(axes) if not depends[k] and k not in axes_of)
 
     for unsafe_set in problem.unsafe:
@@ -554,9 +600,10 @@ def _cost_in_words(
     often: tuple[int, int, int],
     speeds: Speeds,
 ) -> float:
-    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time.
+    """Seconds to mark the cells of which tubes may meet an unsafe set, 64 cells at a time (`word_tubes.in_words`).
 
-    often : for how many starts moves are known, and clear inputs, and into how many parts an interval is cut
+    axes : the cells of all axes. unsafe_set : the set. often : (starts of moves, starts of clear inputs, parts of an
+    interval), how many of each there are. speeds : of the problem.
     """
     (starts, times, parts), count, cells = often, len(problem.inputs), math.prod(axis.count for axis in axes)
     spans = times * parts if unsafe_set.moving else 1
@@ -567,12 +614,19 @@ def _cost_in_words(
 
 
 def _words(axes: Sequence[CellAxis]) -> int:
-    """How many words of 64 cells along the last axis a set is kept in."""
+    """How many words a set is kept in: of 64 cells along the last axis each, the last of a row part empty.
+
+    axes : the cells of each axis.
+    """
     return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
 
 
 def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
-    """Seconds to judge the images in the target: the more axes it has, the more pieces they are cut into."""
+    """Seconds to judge which images lie in the target; 0 where images are judged by cells alone.
+
+    The more axes the target has, the more pieces images are cut into. axes : the cells of each axis. depends : (ndim,)
+    bool, the axes of a place.
+    """
     times, sites, _ = sites_of(problem, axes, depends)[1]
     if not times:
         return 0.0
@@ -581,7 +635,7 @@ def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], de
 
 
 def _share_inside(problem: ReachAvoidProblem) -> float:
-    """The share of the states, along its axes, that are in the target at first."""
+    """The share of the states, from 0 to 1, that are in the target at the first time; by `SET_STATES` random states."""
     grid, target = problem.grid, problem.target
     own = grid.subgrid(target.axes)
     points = np.random.default_rng(0).uniform(own.lower, own.upper, (SET_STATES, own.ndim))
@@ -591,7 +645,11 @@ def _share_inside(problem: ReachAvoidProblem) -> float:
 def _cost_of_recursion(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray, speeds: Speeds
 ) -> float:
-    """Seconds of the recursion: in each entry every cell and input, and rows of images where no 64 cells move alike."""
+    """Seconds of the recursion: in each entry every cell and input, and rows of images where no 64 cells move alike.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place. speeds : of the problem. For ever, as
+    many entries count as losses are added up over (`losing_steps`).
+    """
     entries = float(losing_steps(problem, speeds)) if problem.steps is None else float(problem.steps)
     if not problem.time_invariant:
         entries *= (problem.most_steps + 1) / 2
@@ -608,15 +666,15 @@ def _cost_of_recursion(
 
 
 def _moved_alike(speeds: Speeds) -> list[int]:
-    """The axes with one velocity that all inputs move alike."""
-    ways = speeds.ways
-    return [] if ways is None else [axis for axis, scale in zip(ways.axes, ways.scales, strict=True) if not scale]
+    """The numbers of the axes along which there is one velocity, the same under all inputs; [] if there are none."""
+    some = speeds.displacements
+    return [] if some is None else [axis for axis, scale in zip(some.axes, some.scales, strict=True) if not scale]
 
 
 def _operations(function: Any) -> int:
-    """How many operations a function costs for a point: those of its graph, a look-up in a table as `LOOK_UP` of them.
+    """How many operations a function costs for a point: those of its graph, a look-up in a table as `LOOK_UP` more.
 
-    A function that cannot be read, a `BlackBox`, counts as `BLACK_BOX` operations.
+    function : a `sdhj.formulas.formula.Formula` or a `BlackBox`, which cannot be read and counts as `BLACK_BOX`.
     """
     if isinstance(function, BlackBox):
         return BLACK_BOX

@@ -32,8 +32,8 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
     """Why a state q (ndim,) is certified in the tube (step, within) or not: by which obligation each input fails.
 
     The state's cell is explained or, with sensing, a cell that the state may be measured in and that is not certified.
-    A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q or step does
-    not fit.
+    A `within` of None, or above N - step, counts as N - step. Returns an `Explanation`. ValueError if q, step or within
+    does not fit. The first call for a table that lacks the state solves its coarse copies, which takes seconds.
 
     table : the `CertifiedTable`.
     """
@@ -65,9 +65,10 @@ def explain(table: Any, q: FloatArray, step: int, within: int | None) -> Explana
 def scanty(table: Any) -> Finding | None:
     """A `Finding` that a table certifies next to nothing, with what may help; None where it certifies enough.
 
-    Next to nothing is at most a tenth of the state space, and either no more than the target's share or less than a
-    tenth of what `HJI` claims on a few nodes. Solves the problem on those nodes, which takes some time. table : the
-    `CertifiedTable`.
+    Next to nothing is at most the share `SCANTY` of the state space, and either no more than the target's share or less
+    than a tenth of what `HJI` claims on about `FEW_NODES` nodes. The problem is then solved on those nodes and, for
+    what may help, on the table's coarse copies, which takes some time. The target's share is that of
+    `SCANTY_STATES` random states, of a fixed seed. table : the `CertifiedTable`.
     """
     problem, share = table.problem, table.fraction()
     if share > SCANTY:
@@ -95,7 +96,7 @@ def scanty(table: Any) -> Finding | None:
 
 
 def _advice(table: Any, states: FloatArray) -> str:
-    """What limits states (M, ndim) that a table lacks at step 0, and what may help, by its copies: a text."""
+    """What limits states (M, ndim), M > 0, that a table lacks at step 0, and what may help, by its copies: a text."""
     if (limits := _limits(table)) is None:
         return f"What may help: {UNTRIED}"
     causes, added = limits.gains(states, 0, table.steps)
@@ -107,7 +108,10 @@ def _advice(table: Any, states: FloatArray) -> str:
 
 
 def _remedies(causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
-    """What helps against causes, as texts, beside what was added; more cells where nothing else is known."""
+    """What helps against causes, as texts; more cells too, where for some cause nothing is known or there is none.
+
+    causes, added : as `Limits.gains` returns them. More cells are not named again if they are among `added`.
+    """
     out = [one.helps for one in causes if one.helps]
     of_cells = len(out) < len(causes) or not causes
     return out + [TWICE] * (of_cells and not any(one.helps.startswith("more cells") for one in added))
@@ -147,7 +151,7 @@ class _Cell:
     def __init__(self, table: Any, state: FloatArray, cell: FloatArray, step: int, within: int) -> None:
         """Look at the cell (ndim,), indices, of a state (ndim,), with `within` >= 1 steps to go from a step.
 
-        table : the `CertifiedTable`. Velocities are bounded anew, for boxes as they are.
+        table : the `CertifiedTable`. step : before the last. Velocities are bounded anew, for boxes as they are.
         """
         self.table, self.state, self.cell, self.step = table, state, cell, step
         self.problem: ReachAvoidProblem = table.problem
@@ -185,8 +189,8 @@ class _Cell:
     def uncovered(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube is clear: which cells of its image are not certified.
 
-        `short` is minus the share of the image's cells that are not; it is 0, and `by` empty, where all are certified.
-        `by` is "rounding" where the state alone leads to certified cells only, else "image".
+        `Failure.short` is minus the share of the image's cells that are not; it is 0, and `Failure.by` empty, where all
+        are certified. `by` is "rounding" where the state alone leads to certified cells only, else "image".
         """
         cells, missing = self.covering(*self.table.proof.image(self.cell, j, self.step))
         held = self.table.proof.in_image(cells, self.cell, j, self.step)
@@ -228,8 +232,9 @@ class _Cell:
     def met(self, j: int) -> Failure:
         """The `Failure` of an input u_j whose tube may meet something: what is met first, when, and how deep.
 
-        What is met is an unsafe set or an unsafe end. `short` is 0, and `by` empty, where the cell's own tube meets
-        nothing and only the larger boxes do by which the proof looks tubes up.
+        What is met is an unsafe set or an unsafe end, which `Failure.by` names; `Failure.short` is the lower bound on
+        the distance, <= 0. That is 0, and `by` empty, where the cell's own tube meets nothing and only the larger boxes
+        do by which the proof looks tubes up.
         """
         depths = {name: deep for name, deep in self.depths(j, self.box) if deep.min() <= 0}
         if not depths:

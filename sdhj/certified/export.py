@@ -72,9 +72,9 @@ def export_c(
     folder : path
         It is made where it does not exist; files of an earlier export are replaced.
     rule : {"deepest", "effort", "target", "clearance", "small"}, optional
-        Which proved input `sdhj_select` prefers, as of `sdhj.Controller`, asked at the centre of each cell; or "small":
-        the one that is proved in most cells, so that neighbours have the same and the file is small. By default
-        "deepest", and "small" where it is all that is exported.
+        Which proved input `sdhj_select` prefers: a rule of `sdhj.Controller`, asked at the centre of each cell; or
+        "small": the one that is proved in most cells, so that neighbours have the same and the file is small. By
+        default "deepest", and "small" where "select" is all that is exported.
     only : sequence of {"steps", "select", "safe", "filter", "clear"}
         What the file answers: the steps to go; one input; all inputs that lead to the target in the fewest steps; all
         after which it can still be reached in time; all that stay clear for one interval, for `sdhj_fallback`. The
@@ -92,7 +92,8 @@ def export_c(
     Raises
     ------
     ValueError
-        If the table is none that can be exported, or an option does not fit.
+        If the table is not certified, its measurements have a delay, it has too many inputs or would take more than
+        4 GB, or an option does not fit.
     OSError
         If the folder cannot be written.
 
@@ -143,7 +144,10 @@ def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
 
 
 def _exportable(table: Any) -> ReachAvoidProblem:
-    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs."""
+    """The problem of a table; ValueError unless it is a `CertifiedTable`, without delay, of few enough inputs.
+
+    table : any object. Few enough are `MOST_EXPORTED`.
+    """
     if not isinstance(table, CertifiedTable):
         raise ValueError(
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
@@ -175,10 +179,11 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
 def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: Sequence[str], rule: Rule) -> FloatArray:
     """The words of cells (M, ndim) at a step, with the given fields, as bytes of the file: (M, bytes) uint8.
 
-    The cells come in lines along `table.proof.along` (`InLines.cells`). A cell that is not certified has `NO_INPUT` and
-    no inputs; one in the target where no input is chosen has `ARRIVED`.
+    A cell that is not certified has `NO_INPUT` and no inputs; one in the target where no input is chosen has `ARRIVED`.
 
-    rule : which proved input the field "select" has (`Rule`).
+    cells : indices int64, in lines along `table.proof.along`, as `InLines.cells` returns them.
+    fields : some of `FIELDS`, in that order, at least one.
+    rule : which proved input the field "select" has, as for `sdhj.certified.words.words_of`.
     """
     count, left, parts = len(table.problem.inputs), table.steps - step, dict[str, FloatArray]()
     within, every = left if table.problem.has_no_target else min(1, left), None
@@ -189,7 +194,7 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     )  # an input of the fewest steps is one of all steps
 
     def mask(words: FloatArray) -> FloatArray:
-        """The bits of the inputs in words (M, numbers) uint32, as bytes: (M, ceil(L / 8)) uint8."""
+        """The bits of the inputs in words (M, 2 + ceil(L / 32)) uint32, as bytes: (M, ceil(L / 8)) uint8."""
         return np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)[:, : -(-count // 8)]
 
     steps, chosen = nearest[:, 0].copy(), nearest[:, 1].astype("<u2")
@@ -214,8 +219,9 @@ class Packer:
     Call `add` for the words of every piece of cells first, then `pack` for blocks of their numbers.
 
     known (room, size) uint8 : the words; the first `used` rows count.
-    blocks : for the caller, the numbers of the words of each piece, by block, in the order of the file.
-    bodies : the number of each body. index : the number of the body of each block packed so far.
+    slots (S,) int64 : a hash table of the numbers of these rows; -1: free.
+    blocks : a list that the caller fills with the numbers of the words of each piece, by block, in the file's order.
+    bodies : the number of each body, by its bytes. index : the number of the body of each block packed so far.
     """
 
     def __init__(self, size: int) -> None:
@@ -238,7 +244,8 @@ class Packer:
     def pack(self, numbers: FloatArray, width: int) -> None:
         """Pack the numbers (B, cells) of the words of B blocks into bodies, `width` bytes a number.
 
-        Appends the number of each block's body to `index`. Called after the last `add`.
+        Appends the number of each block's body to `index`, and new bodies to `bodies`. Called after the last `add`.
+        width : enough for the numbers of all words (`_bytes_for`), which is not checked.
         """
         seen, room = np.full(self.used, -1), np.empty(8 + numbers.shape[1] * (width + 2), np.uint8)
         for one in numbers:
@@ -262,7 +269,10 @@ class InLines:
     """
 
     def __init__(self, table: CertifiedTable) -> None:
-        """Cut the cells of a table into blocks, and these into pieces of about `CELLS_AT_ONCE` cells at most."""
+        """Cut the cells of a table into blocks of at most `BLOCK_SIDES` cells, and these into pieces.
+
+        Where even a single block along all axes but the last makes more than `CELLS_AT_ONCE` cells, pieces are larger.
+        """
         self.counts, self.along = np.array(table.shape), table.proof.along % len(table.shape)
         self.sides = np.minimum(self.counts, BLOCK_SIDES[len(self.counts)])
         self.blocks = -(-self.counts // self.sides)
@@ -275,7 +285,8 @@ class InLines:
     def cells(self, at: Sequence[int]) -> FloatArray:
         """The cells (M, ndim) of the piece with rows of blocks `at`, in lines along the axis `along`.
 
-        A block that reaches past the end of an axis has the last cell there again.
+        at : the row of blocks on each of the first axes, an entry of `work`. A block that reaches past the end of an
+            axis has the last cell there again.
         """
         begins = np.array([*at, *[0] * (len(self.sides) - len(at))]) * self.sides
         ends = np.where(np.arange(len(self.sides)) < len(at), begins + self.sides, self.blocks * self.sides)
@@ -285,7 +296,7 @@ class InLines:
     def in_blocks(self, numbers: FloatArray, at: Sequence[int]) -> FloatArray:
         """The numbers (M,) of the words of a piece's cells, in the order of `cells`, put in order by block.
 
-        Returns (B, cells of a block). at : the rows of blocks of the piece.
+        Returns (B, cells of a block), contiguous. at : the row of blocks on each of the first axes, an entry of `work`.
         """
         blocks = [1] * len(at) + self.blocks[len(at) :].tolist()
         shape = [one * side for one, side in zip(blocks, self.sides.tolist(), strict=True)]
@@ -299,13 +310,17 @@ class InLines:
 def packed_table(table: CertifiedTable, fields: Sequence[str], rule: Rule, brake: int, progress: bool | None) -> bytes:
     """The bytes of `sdhj_table.bin` with the given fields; its words are made in threads, pieces of cells at a time.
 
-    rule : which proved input is preferred (`Rule`). brake : the index of the input to apply where nothing is proved.
-        progress : as for `sdhj.solve`. ValueError above 4 GB.
+    fields : some of `FIELDS`, in that order, at least one.
+    rule : which proved input is preferred, as for `sdhj.certified.words.words_of`.
+    brake : the index of the input to apply where nothing is proved.
+    progress : whether to show a bar; None: if standard error is a terminal.
+
+    ValueError above 4 GB.
     """
     pieces, packer, several = InLines(table), None, threads()
 
     def found(one: tuple[int, tuple[int, ...]]) -> FloatArray:
-        """The words, as bytes of the file, of the cells of one piece of `InLines.work`."""
+        """The words (M, bytes) of the cells of a piece, an entry (step, rows of blocks) of `InLines.work`."""
         step, at = one
         return words_in_file(table, pieces.cells(at), step, fields, rule)
 
@@ -335,8 +350,11 @@ def file_of(
 ) -> bytes:
     """The bytes of `sdhj_table.bin`: the head with its digest, and the parts that the module docstring names.
 
-    packer : has added all words and packed all blocks. sides (ndim,) : cells of a block along each axis. rule, brake :
-        as for `packed_table`. ValueError above 4 GB.
+    packer : has added all words and packed all blocks. fields : some of `FIELDS`, in that order.
+    rule : which proved input is preferred. brake : the index of the input to apply where nothing is proved.
+    sides (ndim,) : cells of a block along each axis; ndim is at most 6.
+
+    ValueError above 4 GB.
     """
     problem, grid, ndim = table.problem, table.grid, len(table.axes)
     inputs, index_bytes = np.ascontiguousarray(problem.inputs), _bytes_for(len(packer.bodies))
@@ -416,6 +434,8 @@ def answered_states(table: CertifiedTable, fields: Sequence[str], rule: Rule, br
     the grid; the last entry is the lower half of a CRC-32 of what `python_answers` says. State i is asked about at step
     i % (N + 1), or 0 where nothing depends on time, and with the filter's wanted input i % L. The states are drawn with
     a fixed seed.
+
+    fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
     """
     problem, cells = table.problem, table.cells
     parts = np.random.default_rng(0).integers(0, 1 << 16, (TESTS, len(table.axes)))
@@ -440,7 +460,11 @@ def python_answers(
 ) -> list[bytes]:
     """Python's answers for states (M, ndim) at a step: M strings of bytes, of which `sdhj_selftest` makes checksums.
 
-    wanted (M,) : the inputs that the filter is asked about.
+    For each of "steps", "select" and "filter" a status, one byte, and a value, four, as `sdhj.h` has them; then, of a
+    state on the grid, such pairs for the safe inputs and for those that stay clear, and for a controller that remembers
+    the first and the last cell of the image under the wanted input along each axis.
+
+    states : measurements, which may be off the grid. wanted (M,) : the inputs that the filter is asked about.
     fields, rule, brake : what the file answers, which input it prefers, and the one to apply where nothing is proved.
     """
     problem, left, count = table.problem, table.steps - step, len(states)
@@ -604,7 +628,10 @@ class Exported:
     """
 
     def __init__(self, folder: Path, table: CertifiedTable) -> None:
-        """Read the file in a folder to which a table has been exported; the C is compiled at the first question."""
+        """Read the file in a folder to which `table` has been exported; the C is compiled at the first question.
+
+        OSError where there is no such file.
+        """
         self.folder, self.table = folder, table
         self.data = (folder / "sdhj_table.bin").read_bytes()
 
@@ -616,8 +643,11 @@ class Exported:
     def ask(self, what: str, states: FloatArray, step: int = 0, wanted: Any = None) -> tuple[FloatArray, FloatArray]:
         """The status (M,) and the answers of the C to one of `QUESTIONS`, for states (M, ndim) at a step.
 
-        wanted : for "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m);
-            else None. ValueError for another name or shape of states, OSError without a C compiler.
+        what : one of `QUESTIONS`. step : not used where nothing depends on time.
+        wanted : for "filter" the indices (M,) of the wanted inputs, for "filter_command" the wanted commands (M, m), or
+            one for all states; None: index 0, or zeros. Others do not use it.
+
+        ValueError for another name or shape of states, OSError without a C compiler.
         """
         given = np.ascontiguousarray(np.atleast_2d(states), np.float64)
         inputs, count = self.table.problem.inputs, len(given)
@@ -645,7 +675,10 @@ class Exported:
         return lambda states, step=0, wanted=None: self.ask(name, states, step, wanted)
 
     def loop(self, count: int) -> "Loop":
-        """The control loops of `count` robots; ValueError unless the table is for a controller that remembers."""
+        """The control loops of `count` robots, with empty memories.
+
+        ValueError unless the table is for a controller that remembers, OSError without a C compiler.
+        """
         if not self.table.problem.sensing.remembers:
             raise ValueError("only tables solved with Sensing(..., memory=True) have a loop; ask select and filter")
         return Loop(self, count)
@@ -686,7 +719,10 @@ class Loop:
     """The control loops of M robots in C, each with a memory of its own (`sdhj_step`); made by `Exported.loop`."""
 
     def __init__(self, exported: Exported, count: int) -> None:
-        """Begin the loops of `count` robots with empty memories; OSError without a C compiler."""
+        """Begin the loops of `count` robots with empty memories, by the C of an `Exported`.
+
+        The table must be for a controller that remembers, which `Exported.loop` checks. OSError without a C compiler.
+        """
         self.exported, self.count = exported, count
         self.memories = np.zeros((count, exported._opened[0].x_memory()), np.uint8)
 

@@ -59,15 +59,17 @@ def lattice_of(
 ) -> Boxes:
     """A lattice of boxes on an unsafe set's axes, and prefix sums of those that may meet the set: `Boxes`.
 
-    A box is a cell, or an equal part of one, and there is one array of sums for each interval of time; where there are
-    several, one more for all of them together, the last.
+    A box is a cell, or one of up to `PIECES_OF_A_CELL` equal parts along each axis; layers have none. There is one
+    array of sums for each interval of time; where there are several, one more for all of them together, the last. Along
+    a periodic axis boxes are counted twice, for two laps.
 
+    bounds : on the problem's level-set functions. unsafe_set : the set.
     axes : the cells of all axes.
-    times : (from, to), s: the intervals of time, in each of which the set is bounded.
+    times : (from, to), s: the intervals of time, in each of which the set is bounded; at least one.
     steps : for how many steps there will be such a lattice; they share memory, so boxes are the coarser.
     sway (ndim,) : how far most tubes stick out of their cells to both sides. Along an axis where that is less than a
         box, boxes are wider by it when the set is bounded, and tubes are looked up without it.
-    most : about how many boxes there are at most, at all times and for all steps together.
+    most : about how many boxes there are at most, at all times and for all steps together; a cell is at least one.
     centres : count the boxes whose centre may be in the set, instead of those that may meet it; that proves nothing.
     """
     own = cells_of([replace(axes[axis], layers=(0, 0)) for axis in unsafe_set.axes], 0)
@@ -113,10 +115,12 @@ EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces b
 def shapes(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray
 ) -> tuple[FloatArray, tuple[int, ...], tuple[int, ...]]:
-    """The strides of places, (ndim,), and the shapes of two arrays of a proof, its moves and `clear`.
+    """The strides of places, (ndim,), and the shapes of a proof's moves and of its `clear`: (strides, moves, clear).
 
-    (starts, L, places, ndim) and (starts, cells, bytes). The number of starts is 1, or N where the dynamics, or for
-    `clear` an unsafe set, depend on time. depends : (ndim,) bool, the axes of a place (`place_axes`).
+    moves is (starts, L, places, ndim), clear (starts, cells, bytes). The number of starts is 1, or N where the dynamics
+    depend on time, for `clear` also where an unsafe set moves.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
     """
     strides, moves = moves_of(problem, axes, depends)
     times = problem.steps if any(unsafe_set.moving for unsafe_set in problem.unsafe) else moves[0]
@@ -124,7 +128,12 @@ def shapes(
 
 
 def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> float:
-    """Into how many pieces a part of an interval may be cut; into one where a velocity is the same everywhere."""
+    """Into how many pieces a part of an interval is cut, at most: from 1 to `FINEST`, not rounded.
+
+    As many as need about `EVALUATED` boxes for the velocity; 1 of constant dynamics, which need no more.
+
+    parts : into which an interval is cut. moves : the shape (starts, L, places, ndim) of moves.
+    """
     if problem.dynamics.constant:
         return 1.0
     return min(max(EVALUATED / (math.prod(moves[:-1]) * parts * 2), 1.0), FINEST)
@@ -133,9 +142,10 @@ def finest(problem: ReachAvoidProblem, parts: int, moves: Sequence[int]) -> floa
 def peak(
     problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int, moves: Sequence[int], clear: Sequence[int]
 ) -> int:
-    """The bytes that preparing a general proof takes at most.
+    """The bytes that a solve by a general proof takes at most, without the sets that it finds; an estimate from above.
 
-    parts : into which an interval is cut. moves, clear : the shapes of these arrays, as `shapes` returns them.
+    axes : the cells of each axis. parts : into which an interval is cut. moves, clear : the shapes of these arrays, as
+    `shapes` returns them.
     """
     own = place_axes(problem, axes)
     words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
@@ -157,17 +167,18 @@ def peak(
 class GeneralProof(Images):
     """The images and tubes of a robot's cells over one interval, for the recursion and for questions about states.
 
-    Made by `of` and filled by `prepare`, or read by `load`.
+    Made by `of` and filled by `prepare`, or read by `load`. For the arrays of moves see `Images`.
 
     Attributes
     ----------
     clear : (starts, cells, bytes) uint8
-        Bit j % 8 of byte j // 8: u_j is safe from anywhere in the cell. starts is 1 where nothing depends on time.
+        Bit j % 8 of byte j // 8: under u_j all states of the cell stay clear of the unsafe sets and unsafe ends over an
+        interval. starts is 1 where neither the dynamics nor an unsafe set depend on time, else N.
     sites : (ndim,) int64
-        A cell is at the site sum(cell * sites).
+        The strides of sites: a cell is at the site with number sum(cell * sites).
     arrives : (starts, sites, bytes) uint8
         Bit j % 8 of byte j // 8: u_j leads all of a cell at the site into the target itself
-        (`sdhj.certified.arrivals`).
+        (`sdhj.certified.arrivals`). (0, 0, 0) where that is not asked.
     """
 
     clear: FloatArray
@@ -185,9 +196,10 @@ class GeneralProof(Images):
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "GeneralProof":
-        """A proof with arrays of the right size, which `prepare` fills; MemoryError where a solve would take too much.
+        """A proof with arrays of the right size, which `prepare` fills.
 
-        parts : into which an interval is cut.
+        axes : the cells of each axis. parts : into which an interval is cut. MemoryError where a solve would take too
+        much memory (the function `peak`).
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
@@ -204,7 +216,7 @@ class GeneralProof(Images):
 
     @property
     def peak(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds."""
+        """The bytes that a solve takes at most, without the sets that it finds; estimated by the function `peak`."""
         return peak(self.problem, self.axes, self.parts, self.low.shape, self.clear.shape)
 
     def inputs(
@@ -223,10 +235,12 @@ class GeneralProof(Images):
         into the target itself.
 
         ahead (M,) : the steps to go; 0: no input is certified.
+        step : when the interval begins; not used where neither the dynamics nor an unsafe set depend on time.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
         among : (M, L) bool, the inputs that are asked about; False for all others.
-        lines : whether the cells come in lines along the axis `along`, which takes less time.
+        lines : whether the cells come in lines along the axis `along`, which takes less time; not used where there is
+            no such axis.
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
         if len(sets) and lines and self.along >= 0:
@@ -245,14 +259,21 @@ class GeneralProof(Images):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file's head: parts, axes of a place, E, and normals and halo of lines."""
+        """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
+
+        "parts", "own": for each axis whether it is one of a place, "unsure": E; "arrives": True where there are
+        arrivals, and "normals" and "halo" where images are lines (`sdhj.certified.oblique.Lines`).
+        """
         told = {"parts": self.parts, "own": (self.strides > 0).tolist(), "unsure": self.prediction_error.tolist()}
         told |= {"arrives": True} if len(self.arrives) else {}
         lines = self.lines
         return told | ({"normals": lines.normals.tolist(), "halo": lines.halo.tolist()} if len(lines.normals) else {})
 
     def save(self, file: h5py.File) -> None:
-        """Write the proof's arrays to an open file: moves, clear inputs, and lines and arrivals where there are any."""
+        """Write the proof's arrays to an open HDF5 file, compressed, as data sets of its root.
+
+        "low", "high" and "clear", and "arrives" and "lines" where there are any.
+        """
         names = ("low", "high", "clear", *(["arrives"] if len(self.arrives) else []))
         arrays = {name: getattr(self, name) for name in names}
         for name, data in (arrays | ({"lines": self.lines.each} if len(self.lines.normals) else {})).items():
@@ -262,9 +283,11 @@ class GeneralProof(Images):
     def load(
         cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "GeneralProof":
-        """The proof that `save` wrote to a file, with what `stated` said in the head; its arrays are read-only.
+        """The proof that `save` wrote to an open file; its arrays are read-only.
 
-        ValueError where it does not fit the problem and its cells.
+        stated : what `GeneralProof.stated` was; its "unsure" is not read. axes : the cells of each axis. ValueError
+        where what is stated, or the shape or the type of an array, does not fit the problem and its cells; the bits of
+        the arrays are not checked.
         """
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
@@ -284,9 +307,9 @@ class GeneralProof(Images):
 
     @kept
     def layout(self) -> Placed:
-        """How cells lie in memory, by place and then by the axes that no place depends on; made once, at first use.
+        """Where the cells are in memory (`Placed`), by place and then by the axes of no place; made once, at first use.
 
-        Every line has one cell; `_once` replaces the lines.
+        Every line has one cell here; `_once` replaces the lines.
         """
         counts, depends = self.cells.counts, self.strides > 0
         edges = np.full((len(counts), counts.max() + 1), np.nan)
@@ -304,23 +327,27 @@ class GeneralProof(Images):
         )
 
     def _numbers(self, which: FloatArray) -> FloatArray:
-        """The flat numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool."""
+        """The numbers (n,) of the cells that have index 0 on all axes but those of `which` (ndim,) bool, in C order."""
         counts = self.cells.counts
         flat = np.cumprod([1, *counts[:0:-1]])[::-1]
         return np.asarray(flat @ np.indices(np.where(which, counts, 1).tolist()).reshape(counts.size, -1))
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, lines, `clear` and `arrives`, and make them read-only: where each input takes each place, from
-        where it stays clear, and from where it leads into the target. ValueError where a bound is missing.
+        """Fill moves, lines, `clear` and `arrives`, make them read-only, and return the `Packing` that `add` needs.
 
-        What is returned makes the sets, as `add` asks it to.
+        To be called once: the arrays cannot be filled again. progress : whether to show bars, as for `sdhj.solve`.
+        ValueError where no bound on a velocity is found, or an interval leads too many cells on (`Images.fill`).
         """
         drawing, arrivals, in_words = Drawing(self), Arrivals(self), self.met_in_words
         mark = partial(self._mark_collisions, self._lattices(progress))
         kept = np.empty((*self.low.shape[:-1], self.parts, len(self.axes), 2) if in_words else (0, 0, 0))
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Keep what the recursion needs of places `some` (M,) under u_j; arguments as of `Images.fill`."""
+            """Keep what the recursion needs of the places `some` (M,), consecutive numbers, under u_j.
+
+            start : the index of the interval. tubes (M, parts, ndim, 2), last (M, ndim, 2) : how far the ends of cells
+            move in each part and up to the interval's end (`Images.swept`).
+            """
             mark(start, j, some, tubes)
             drawing.add(start, j, some, tubes)
             arrivals.add(start, j, some, last)
@@ -336,8 +363,9 @@ class GeneralProof(Images):
 
     @cached_property
     def met_in_words(self) -> tuple[UnsafeSet, ...]:
-        """The unsafe sets that are met from 64 cells at a time: all cells along their axes, the last of all among them,
-        move alike, and no end is safe.
+        """The unsafe sets that tubes are tested against for 64 cells at a time (`sdhj.certified.word_tubes.in_words`).
+
+        None if there are more than `TUBES_AT_HAND` tubes, which have to be kept for it.
         """
         few = self.unites and math.prod(self.low.shape[:-1]) * self.parts <= TUBES_AT_HAND
         depends = self.strides > 0
@@ -347,11 +375,15 @@ class GeneralProof(Images):
 
     @property
     def _met_by_cells(self) -> list[UnsafeSet]:
-        """The other unsafe sets."""
+        """The unsafe sets that tubes are tested against cell by cell: those that are not in `met_in_words`."""
         return [part for part in self.problem.unsafe if not any(part is one for one in self.met_in_words)]
 
     def _mark_in_words(self, unsafe_set: UnsafeSet, tubes: FloatArray) -> None:
-        """Take away the bits of inputs whose tubes (starts, L, places, parts, d, 2) may meet a set."""
+        """Clear in `clear` the bits of inputs whose tubes may meet a set, 64 cells at a time, for all steps.
+
+        unsafe_set : one of `met_in_words`, on d axes.
+        tubes (starts, L, places, parts, d, 2) : how far the ends of cells move along its axes.
+        """
         own, spans = list(unsafe_set.axes), self._spans(unsafe_set)
         axes, scale = [self.axes[k] for k in own], self.shell[own] / STATE_SLACK
         lattice = lattice_for(axes, tubes.reshape(-1, *tubes.shape[-3:]), self._sway[own], len(spans) * len(spans[0]))
@@ -370,7 +402,14 @@ class GeneralProof(Images):
     def _met_at_once(
         self, unsafe_set: UnsafeSet, each: Sequence[FloatArray], lattice: Lattice, first: FloatArray, last: FloatArray
     ) -> FloatArray:
-        """From which cells of its axes a place's tubes (L * parts, d) meet boxes, of each part or of all: (L, ...)."""
+        """From which cells of a set's axes the tubes of one place may meet it: bits, (L, n1, ..., W) uint64.
+
+        No bit is set for an input under which the set does not count.
+
+        each : the boxes that may meet the set (`boxes_in_words`), for each part of the interval, or once for all parts.
+        lattice : whose boxes these are. first, last (L * parts, d) : the windows of the place's tubes (`windows`), by
+        input and then by part.
+        """
         inputs, axes = self.low.shape[1], lattice.axes
         met = np.zeros((inputs, *[axis.count for axis in axes[:-1]], -(-axes[-1].count // 64)), np.uint64)
         for part, boxes in enumerate(each):
@@ -382,7 +421,11 @@ class GeneralProof(Images):
         return met
 
     def _clear_bits(self, step: int, place: int, unsafe_set: UnsafeSet, met: FloatArray) -> None:
-        """Take away the bits of inputs from cells at a place, which meet a set from cells of its axes: met (L, ...)."""
+        """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet `unsafe_set`.
+
+        place : its number. met (L, n1, ..., W) uint64 : as `_met_at_once` returns it; it holds for cells anywhere on
+        the axes that neither the set nor a place has.
+        """
         inside, others = np.zeros((2, len(self.axes)), np.bool_)
         inside[list(unsafe_set.axes[:-1])], others[self.strides == 0] = True, True
         others[list(unsafe_set.axes)] = False
@@ -401,13 +444,15 @@ class GeneralProof(Images):
     ) -> None:
         """Clear the bit of u_j in `clear`, in place, for cells whose tube may meet an unsafe set or an unsafe end.
 
-        It does so for all steps that have these moves; sets that stand still are tested once for all of them.
+        It does so for all steps that have these moves; sets that stand still are tested once for all of them. Sets in
+        `met_in_words`, and those that do not count under u_j, are left out.
 
-        lattices : for each unsafe set one lattice for each step, or a single one if the set stands still (`_lattices`).
+        lattices : for each set in `_met_by_cells` one lattice for each step, or a single one if the set stands still
+            (`_lattices`).
         start : the index of the interval in `low` and `high`.
         some (M,) : places, consecutive numbers.
-        tubes (M, parts, ndim, 2) : their tubes, as `swept` returns them.
-        at_ends : the tubes that must not leave by an unsafe end, if they are others than `tubes`.
+        tubes (M, parts, ndim, 2) : their tubes, as `Images.swept` returns them.
+        at_ends (M, parts, ndim, 2) : the tubes that must not leave by an unsafe end; None: `tubes`.
         """
         leaving = tubes if at_ends is None else at_ends
         grid, bit, places = self.problem.grid, np.uint8(1 << j % 8), (int(some[0]), int(some[-1]) + 1)
@@ -431,18 +476,19 @@ class GeneralProof(Images):
     def _met(self, clear: FloatArray, tubes: FloatArray, places: tuple[int, int], lattice: Boxes, bit: Any) -> None:
         """Clear `bit`, a mask, in `clear` (cells,) uint8, in place, for cells whose tube may meet the set of a lattice.
 
-        tubes : of the places with numbers places[0] to places[1] - 1.
+        tubes (M, parts, ndim, 2) : of the places with numbers places[0] to places[1] - 1; cells at others are left.
         """
         self._once(clear, lattice.axes, lambda bits, some: mark_collisions(bits, tubes, places, lattice, bit, some))
 
     def _once(self, clear: FloatArray, axes: FloatArray, mark: Callable[[FloatArray, Placed], Any]) -> None:
-        """Let `mark(bits, layout)` clear bits of `clear`, in place, looking at one cell of those that are alike.
+        """Let `mark` clear bits of `clear` (cells,) uint8, in place, looking at one cell of those that are alike.
 
-        clear : (cells,) uint8.
+        axes : those of an unsafe set, or with an unsafe end. mark(bits, layout) : clears bits of `bits` (cells,) uint8,
+        in place, looking at the cells of the `Placed`; what it returns is not used.
 
-        Cells are alike if they differ only on axes that neither `axes`, those of an unsafe set, nor an image depends
-        on, and no end is safe: what is cleared for one is cleared for all. The cells that are looked at come in lines
-        along the last of `axes` on which cells at one place differ.
+        Cells are alike if they differ only on axes that are neither in `axes` nor those of a place, and no end is safe:
+        what is cleared for one is cleared for all. The cells that are looked at come in lines along the last of `axes`
+        on which cells at one place differ.
         """
         alike = (self.strides == 0) & ~np.isfinite(self.past).any()
         alike[axes] = False  # obligation 4.15
@@ -461,7 +507,11 @@ class GeneralProof(Images):
 
     @kept
     def _sway(self) -> FloatArray:
-        """By how much an adversary and errors move states to both sides in an interval, somewhere, (ndim,)."""
+        """About how far the disturbance and errors move a state to each side in an interval, (ndim,).
+
+        In the middle of the grid, at the first time, under the input for which it is most: boxes are made by it, and no
+        proof rests on it.
+        """
         grid, sensing = self.problem.grid, self.problem.sensing
         middle, t = np.add(grid.lower, grid.upper)[None] / 2, self.problem.time(0)
         pushed = [
@@ -470,7 +520,10 @@ class GeneralProof(Images):
         return np.asarray(np.max(pushed, axis=0) / 2 * sensing.hold(self.problem.delta)[0] + self.prediction_error)
 
     def _spans(self, unsafe_set: UnsafeSet) -> list[list[tuple[float, float]]]:
-        """For each step the times of each part of its interval; all time, once, of a set that stands still."""
+        """For each step the (from, to), s, of each part of its interval, widened by the jitter.
+
+        Of a set that stands still one step with one part, all of the problem's time.
+        """
         if not unsafe_set.moving:
             return [[self._always]]
         length, late, out = self.problem.sensing.hold(self.problem.delta)[0], self.problem.sensing.jitter, []
@@ -481,9 +534,9 @@ class GeneralProof(Images):
         return out
 
     def _lattices(self, progress: bool | None, centres: bool = False) -> list[list[Boxes]]:
-        """For each unsafe set that is met cell by cell its lattices (`lattice_of`): one for each step, or a single one.
+        """For each set in `_met_by_cells` its lattices (`lattice_of`): one for each step, or one if it stands still.
 
-        A single one for a set that stands still. progress : as for `prepare`. centres : as for `lattice_of`.
+        progress : whether to show a bar, as for `sdhj.solve`. centres : count the boxes whose centre may be in the set.
         """
         made = partial(lattice_of, self.bounds, self.axes, most=self.most_boxes, centres=centres)
         return [
@@ -495,8 +548,9 @@ class GeneralProof(Images):
     def goal(self, step: int) -> FloatArray:
         """S_k^0 for k = step, packed (rows, W) uint64: cells inside the target and outside the unsafe sets at t_k.
 
-        Each cell is widened by the shell and by E, all that a prediction in it may stand for, and counts at all times
-        that t_k may be. If nothing depends on time, at all times.
+        Each cell is widened by the shell and by E, all that a prediction in it may stand for, and has to be so at all
+        times that t_k may be, given the jitter. If nothing depends on time, `step` is not used. Without a target all
+        cells outside the unsafe sets. Sets that are unsafe under some inputs only do not count.
         """
         problem, t = self.problem, self.problem.time(step)  # obligation 9.5
         # obligation 9.6
@@ -512,7 +566,7 @@ class GeneralProof(Images):
 
     @kept
     def _clear_of_still(self) -> FloatArray:
-        """Which cells are outside the unsafe sets that stand still: bool (*counts); computed once, at first use."""
+        """Which cells are outside the unsafe sets that stand still: bool (*counts), as `clear_of`; computed once."""
         return self.clear_of(False, self._always, np.ones([axis.count for axis in self.axes], np.bool_))
 
     def clear_of(self, moving: bool, times: tuple[float, float], asked: FloatArray) -> FloatArray:
@@ -532,9 +586,9 @@ class GeneralProof(Images):
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        Adds the cells that a clear input takes into `following`; without a target, keeps only those that one does.
+        Adds the cells that a clear input takes into `following`; without a target, keeps only such cells.
 
-        prepared : what `prepare` returned.
+        prepared : the `Packing` that `prepare` returned.
         following : S_{k+1}^{n-1}.
         changed : the rows, and their words, in which `following` differs from S_{k+1}^{n-2}; only cells whose images
             may be there are asked about. None: all are.
@@ -544,7 +598,8 @@ class GeneralProof(Images):
     def add_arriving(self, cells: FloatArray, step: int) -> None:
         """Add to `cells`, S_k^1 for k = step, in place, those that a clear input leads into the target itself.
 
-        cells : (rows, W) uint64.
+        cells (rows, W) uint64 : packed along the last axis. Nothing is added where `arrives` is (0, 0, 0). step : not
+        used where neither the dynamics, the target nor an unsafe set depend on time.
         """
         if len(self.arrives):
             arrives, clear = (marks[min(step, len(marks) - 1)] for marks in (self.arrives, self.clear))

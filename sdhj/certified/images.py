@@ -55,8 +55,9 @@ ROUNDED_OFF = 2.0**-50  # of the largest coordinate of an axis: see `Proof.round
 def prediction_error(problem: ReachAvoidProblem) -> FloatArray:
     """E (ndim,), how far a prediction may be off along each axis, at most; 0 without sensing.
 
-    Without a delay it is the error of a measurement. With one, of constant dynamics, it is what `unknown` returns;
-    otherwise a box with error + delay * D(E) <= E, for D as of `_spread`, that is found by trying ever larger ones.
+    Of constant dynamics it is what `unknown` returns. Of others it is the error of a measurement where there is no
+    delay, and with one a box with error + delay * D(E) <= E, where D(E) is by how much a disturbed velocity within E of
+    a prediction may differ from the undisturbed one there; it is found by trying ever larger boxes, at most `GUESSES`.
     ValueError where none is found within the grid.
     """
     sensing, ndim = problem.sensing, problem.grid.ndim
@@ -100,7 +101,11 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
     travel = [(np.minimum(a.min(axis=0), 0) * stride, np.maximum(b.max(axis=0), 0) * stride) for a, b in fastest]
 
     def near(bounds: Bounds, more: FloatArray | float) -> FloatArray:
-        """The least and the greatest velocity in boxes widened by their travel and `more`: (2, tasks, boxes, ndim)."""
+        """The least and the greatest velocity in the pieces of the state space, each widened: (2, tasks, pieces, ndim).
+
+        bounds : of the velocity, with or without the disturbance. more : by how much pieces are widened on both sides,
+        (ndim,) or one number for all axes, besides by what a state moves in a stride.
+        """
         each = zip(tasks, travel, strict=True)
         found = [bounds.velocity(j, low + a - more, high + b + more, *times) for (j, times), (a, b) in each]
         return np.stack(found, axis=1)
@@ -119,8 +124,9 @@ def _spread(problem: ReachAvoidProblem) -> Callable[[FloatArray], FloatArray]:
 class Proof:
     """What is common to all proofs: the problem, the cells of each axis, and into how many parts an interval is cut.
 
-    The protocol. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`; a table
-    asks `image`, `in_image`, `places` and `inputs` about its cells. Subclasses have those that are not here.
+    The protocol of a proof. `CellSets` calls `prepare` once and then, for each step, `goal`, `add` and `add_arriving`;
+    a table asks `image`, `in_image`, `places` and `inputs` about its cells. Of those that are not here the full
+    contracts are those of `sdhj.certified.general_proof.GeneralProof` and of `Images`.
     """
 
     problem: ReachAvoidProblem
@@ -140,7 +146,7 @@ class Proof:
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
         """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
 
-        Here all of them. step : when the interval begins.
+        Here all of them. step : when the interval begins. Nothing is checked.
         """
         return np.ones(len(cells), np.bool_)
 
@@ -198,7 +204,10 @@ class Proof:
 
     @kept
     def prediction_error(self) -> FloatArray:
-        """E (ndim,), how far a prediction may be off along each axis; computed once; ValueError without a bound."""
+        """E (ndim,), how far a prediction may be off along each axis: what the function `prediction_error` returns.
+
+        Computed once; ValueError where there is no bound.
+        """
         return prediction_error(self.problem)
 
 
@@ -208,6 +217,8 @@ def place_axes(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]) -> FloatA
     They are the axes that a velocity depends on, those whose cells are not all of one width, and those with a wall; but
     not an axis with a wall along which the velocity is always in one range: there the image is what it would be without
     the wall, clipped.
+
+    axes : the cells of each axis.
     """
     depends: FloatArray = np.logical_or.reduce(problem.dynamics.reads, axis=0)
     for i, axis in enumerate(axes):
@@ -223,8 +234,10 @@ def moves_of(
 ) -> tuple[FloatArray, tuple[int, ...]]:
     """The strides of places, (ndim,), and the shape (starts, L, places, ndim) of moves.
 
-    A cell is at the place sum(cell * strides); a stride is 0 on an axis that is no place's. starts is N where the
-    dynamics depend on time, else 1. depends : (ndim,) bool, the axes of a place (`place_axes`).
+    A cell is at the place with number sum(cell * strides); a stride is 0 on an axis that is no place's. starts is N
+    where the dynamics depend on time, else 1.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`place_axes`).
     """
     counts, strides = np.array([axis.count for axis in axes]), np.zeros(len(axes), np.int64)
     strides[depends] = np.cumprod([1, *counts[depends][:0:-1]])[::-1] if depends.any() else 0
@@ -244,10 +257,12 @@ TRIES = 12  # to find a box that the state stays in
 class Images(Proof):
     """Where each input leads the cells at each place in one interval: boxes of cells, as offsets in cells.
 
+    For problem, axes and parts see `Proof`.
+
     Attributes
     ----------
     strides : (ndim,) int64
-        A cell is at the place sum(cell * strides).
+        A cell is at the place with number sum(cell * strides); 0 on an axis that is no place's.
     low, high : (starts, L, places, ndim) int16
         The first and the last cell of the image along each axis, less the cell's own index; filled by `fill`. starts is
         1 where the dynamics do not depend on time.
@@ -293,7 +308,10 @@ class Images(Proof):
         return no_lines(len(self.axes))
 
     def moves(self, step: int) -> Moves:
-        """The images of the interval from a step as arrays for compiled code, `Moves`."""
+        """The images of the interval from a step as arrays for compiled code, `Moves`.
+
+        step : not used where images are known for one start only, which then serve all steps.
+        """
         start, lines = min(step, len(self.low) - 1), self.lines
         each = lines.each[start] if len(lines.normals) else np.zeros((0, 0, 0, 2), np.int16)
         oblique: Any = read_only(lines.normals.any(axis=0))
@@ -317,8 +335,10 @@ class Images(Proof):
     def in_image(self, cells: FloatArray, cell: FloatArray, j: int, step: int) -> FloatArray:
         """Which of the cells (M, ndim) of the box `image` of a cell (ndim,) are in its image under u_j: (M,) bool.
 
-        step : when the interval begins. All cells are, unless the image is lines. The cells' indices are not yet taken
-            around periodic axes.
+        All cells are, unless the image is lines.
+
+        cells : indices that are not yet taken around periodic axes; all of the box, which is not checked.
+        step : when the interval begins.
         """
         moves, place = self.moves(step), int(cell @ self.strides)
         if not has_lines(cell, moves, self.cells, len(cell)):
@@ -357,8 +377,8 @@ class Images(Proof):
     def farthest_moves(self) -> FloatArray:
         """The boxes of offsets, in cells, that hold the images from all places: (starts, L, 2, ndim) int64.
 
-        The lower end, then the upper. One box for all inputs, (starts, 1, 2, ndim), if that has fewer words of cells
-        than the inputs' boxes have together. Computed once, at first use.
+        The first and then the last cell. One box for all inputs, (starts, 1, 2, ndim), unless that has more words of
+        cells than the inputs' boxes have together. Computed once, at first use, when `low` and `high` are filled.
         """
         each = np.stack([self.low.min(axis=2), self.high.max(axis=2)], axis=2).astype(np.int64)
         whole = np.stack([each[:, :, 0].min(axis=1), each[:, :, 1].max(axis=1)], axis=1)[:, None]
@@ -371,11 +391,14 @@ class Images(Proof):
     ) -> None:
         """Write the images of all places under all inputs from all starts into `low` and `high`, in threads.
 
-        After each slab of places `use(start, j, places (M,), tubes (M, parts, ndim, 2), last (M, ndim, 2))` is called
-        in this thread, tubes and last being what `swept` returns.
+        For each slab of at most `PLACES` places, once its images are written, `use(start, j, places (M,), tubes
+        (M, parts, ndim, 2), last (M, ndim, 2))` is called in this thread: `start` is the index of the interval, places
+        are consecutive, and tubes and last are how far the ends of cells move, as `Images.swept` returns it. What it
+        returns is not used.
 
         pieces : into which each part of the interval is cut. progress : whether to show a bar, as for `sdhj.solve`.
-            ValueError as of `swept` and `in_cells`.
+
+        ValueError where no bound on a velocity is found, or an interval leads more than 32,767 cells on.
         """
         starts, count, size, _ = self.low.shape
         n, work = threads(), list(np.ndindex(starts, count, -(-size // PLACES)))
@@ -397,21 +420,24 @@ class Images(Proof):
                     bar.update()
 
     def cells_at(self, places: FloatArray) -> FloatArray:
-        """A cell (M, ndim) at each place (M,): the one with index 0 on the axes that are no place's."""
+        """A cell (M, ndim) at each place, by its number (M,): that with index 0 on the axes that are no place's."""
         own = zip(self.strides.tolist(), self.axes, strict=True)
         return np.stack([places // stride % axis.count if stride else 0 * places for stride, axis in own], axis=1)
 
     def reached(self, places: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """`swept` of the cells at places (M,) under u_j in the interval that begins at `time`, s: (tubes, last).
+        """What `Images.swept` returns for the cells at places (M,), widened by the shell, under u_j: (tubes, last).
 
-        On the axes that no place depends on the answer holds for cells anywhere. pieces : into which each part is cut.
+        How far their ends move during each part of an interval, (M, parts, ndim, 2), and up to its end, (M, ndim, 2).
+        On the axes that are no place's the answer holds for cells anywhere.
+
+        time : when the interval begins, s. pieces : into which each part is cut. ValueError as from `swept`.
         """
         return self.swept(self.boxes(places), j, time, pieces)
 
     def boxes(self, places: FloatArray) -> FloatArray:
         """The lower and the upper corners of the cells at places (M,), widened by the shell: (2, M, ndim).
 
-        On axes that no place depends on, the ends of the grid.
+        On axes that are no place's, the ends of the grid.
         """
         grid, shift_invariant, cells = self.problem.grid, self.strides == 0, self.cells_at(places)
         start = np.empty((2, *cells.shape))
@@ -422,15 +448,16 @@ class Images(Proof):
         return start
 
     def swept(self, start: FloatArray, j: int, time: float, pieces: int) -> Ends:
-        """How far the lower and the upper ends of boxes (2, M, ndim) move under u_j in the interval from `time`, s.
+        """How far the ends of M boxes, `start` (2, M, ndim), move under u_j in the interval from `time`, s.
 
-        Returns displacements, negative for a lower end that falls: the extremes during each part, (M, parts, ndim, 2),
-        and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward, clipped at walls, and with
-        sensing widened by E. For a controller that remembers, the second is that of the points it carries on
-        (`_clipped`). On the axes that no place depends on the box is all that there is: displacements begin at 0 and
-        the velocity is bounded anywhere in it.
+        Returns displacements of the lower and the upper ends, negative for one that falls: the extremes during each
+        part, (M, parts, ndim, 2), and at the interval's end, whenever that is, (M, ndim, 2); both rounded outward,
+        clipped at walls, and with sensing widened by E. For a controller that remembers, the second is that of the
+        points it carries on (`_clipped`). On the axes that no place depends on the box is all that there is:
+        displacements begin at 0 and the velocity is bounded anywhere in it.
 
-        pieces : into which each part is cut. ValueError where no bounds are found (`_unbounded`).
+        pieces : into which each part is cut, at least 1; a few more beside a layer, and where the interval may end.
+        ValueError where a velocity has no bound, or grows too fast for one to be found.
         """
         (_, many, ndim), before = start.shape, np.zeros(start.shape)
         off = SIDES * self._off(start)
@@ -470,14 +497,12 @@ class Images(Proof):
         return np.where(in_layer, 0.0, self.prediction_error)
 
     def _clipped(self, start: FloatArray, last: FloatArray) -> FloatArray:
-        """The displacements of the ends of boxes `start` to the points that a controller with memory carries on.
+        """The displacements (2, M, ndim) of the ends of boxes to the points that a controller with memory carries on.
 
-        (2, M, ndim), as start and last are.
-
-        start : the boxes.
-        last : the displacements to the image of the states. E is taken off this image at both ends, but no more than to
-            its middle. An image that is held at a wall as a whole keeps its place, and no other image comes as near to
-            a wall as a layer.
+        start (2, M, ndim) : the boxes.
+        last (2, M, ndim) : the displacements to the image of the states. E is taken off this image at both ends, but no
+            more than to its middle. An image that is held at a wall as a whole stays where it is, and no other image
+            comes as near to a wall as a layer.
         """
         (low, high), walls, drift = start + last, self.layers, DRIFT * np.array([axis.scale for axis in self.axes])
         held = (high <= walls[0] + self.shell + drift) | (low >= walls[1] - self.shell - drift)
@@ -493,7 +518,7 @@ class Images(Proof):
     def _piece(
         self, start: FloatArray, moved: FloatArray, before: FloatArray, j: int, times: tuple[float, float]
     ) -> FloatArray:
-        """The displacements of both ends of boxes `start` at the end of a piece of the interval: (2, M, ndim).
+        """The displacements of both ends of boxes `start` at the end of a piece of an interval under u_j: (2, M, ndim).
 
         moved + h F, rounded outward and clipped at walls. For each end F bounds the velocity in the face on its side of
         a box that the states stay in during the piece.
@@ -518,7 +543,10 @@ class Images(Proof):
         return self._held(start, after)
 
     def _held(self, start: FloatArray, moved: FloatArray) -> FloatArray:
-        """Clip `moved` in place so that start + moved ends at walls, rounded outward; returns it. Both (2, M, ndim)."""
+        """Clip `moved` in place so that start + moved ends at walls, rounded outward, and return it.
+
+        start (2, M, ndim) : boxes. moved (2, M, ndim) : the displacements of their ends.
+        """
         hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
@@ -528,8 +556,10 @@ class Images(Proof):
         """Where boxes are at the begin of a piece, start + moved, and boxes that their states stay in during it.
 
         Two arrays (2, M, ndim). The second is found by trying larger boxes until X + [0, h] V lies inside, V the
-        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`. The
-        arguments are those of `_piece`.
+        velocities in the box tried and h the length of the piece, s. ValueError (`_unbounded`) after `TRIES`.
+
+        start, moved, before (2, M, ndim) : the boxes, their ends' displacements at the begin of the piece, and what
+            these gained in the piece before. j : the input. times : when the piece begins and ends, s.
         """
         shift_invariant, (ends, enclosure, out) = self.strides == 0, np.empty((3, *start.shape))
         guess_enclosure(start, moved, before, shift_invariant, self.shell, ends, enclosure)
@@ -576,8 +606,11 @@ class Images(Proof):
     def in_cells(self, places: FloatArray, moved: FloatArray) -> Ends:
         """The first and the last cell that hold the cells at places (M,) after their ends have moved: two (M, ndim).
 
-        As offsets from a cell's own index. moved (M, ndim, 2) : the displacements of the lower and the upper ends.
-        ValueError for offsets beyond int16.
+        As offsets from a cell's own index, int64, neither clipped nor taken around. On an axis that is no place's they
+        hold for cells anywhere. What sticks out of a cell by no more than `DRIFT` of the scale counts as inside.
+
+        moved (M, ndim, 2) : the displacements of the lower and the upper ends, in the axes' units. ValueError for
+        offsets beyond 32,767 cells.
         """
         low, high = np.empty((2, len(moved), len(self.axes)), np.int64)
         for axis, (own, cell) in enumerate(zip(self.axes, self.cells_at(places).T, strict=True)):
@@ -601,9 +634,9 @@ class Images(Proof):
     def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
         """Whether each cell, widened by the shell and E, is proved to be outside a set at all `times`, s to s: bool.
 
-        The shape is as of `over_cells`.
+        The shape is that of the cells of all axes, with 1 for axes that the set does not depend on.
 
-        asked : bool, the cells of the set's axes that are asked about; False for others.
+        part : an unsafe set. asked (n1, ...) bool : the cells of the set's axes that are asked about; False for others.
         """
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])

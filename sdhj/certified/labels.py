@@ -17,7 +17,10 @@ LABELS = ("certified", "not certified", "outside")
 
 
 def same_game(table: Table, certified: Table) -> None:
-    """Raise ValueError unless two tables are of one game; the nodes of the grid and `view_time` may differ."""
+    """Raise ValueError unless two tables are of one game; the nodes of the grid and `view_time` may differ.
+
+    Numbers may differ by rounding; with a black box the problems must be equal (`ReachAvoidProblem.digest`).
+    """
     one, other = table.problem, certified.problem
     if one.digest != other.digest and not _alike(one, other, but=("shape", "view_time")):
         raise ValueError("the two tables are of different games; certify the problem that the table was solved for")
@@ -37,7 +40,8 @@ def as_built(problem: ReachAvoidProblem) -> bool:
 def _alike(one: ReachAvoidProblem, other: ReachAvoidProblem, but: tuple[str, ...] = ()) -> bool:
     """Whether two problems without black boxes are equal, up to the rounding of two machines.
 
-    but : names of entries of `ReachAvoidProblem.numbers` that are not compared. False where a function is a black box.
+    one, other : the two. but : names of entries of `ReachAvoidProblem.numbers` that are not compared. False where a
+    function is a black box.
     """
     ours, theirs, drop = one.functions, other.functions, dict.fromkeys(("grid", "inputs", *but))
     same = ours.keys() == theirs.keys() and one.inputs.shape == other.inputs.shape
@@ -54,9 +58,10 @@ def labels(table: Table, certified: Table, states: FloatArray, *, start: int = 0
     "certified" has a proof, whatever the interpolated table says; "not certified" is in that table's tube without a
     proof; "outside" is in neither.
 
-    table, certified : the interpolated and the certified table. start, within : the tube, k and n.
+    table, certified : the interpolated and the certified table. start, within : the tube, k and n, as for
+        `Table.contains`.
 
-    ValueError where the tables are of different games.
+    ValueError where the tables are of different games (`same_game`).
     """
     same_game(table, certified)
     proved = certified.contains(states, start=start, within=within)

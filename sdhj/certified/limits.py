@@ -59,8 +59,8 @@ FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for w
 class Copy(GeneralProof):
     """The proof of a coarse copy of a problem, which also knows what the centres of its cells are led to.
 
-    It proves nothing. Made by `of` and `replace`, filled by `prepare`; then `taking` gives the same proof without
-    something.
+    It proves nothing. Made by `of`, which leaves the two last arrays empty, and given these by `dataclasses.replace`;
+    filled by `prepare`. Then `taking` gives the same proof with some of its losses taken away.
 
     Attributes
     ----------
@@ -69,7 +69,8 @@ class Copy(GeneralProof):
     of_centres : (starts, cells, bytes) uint8
         As `clear`, but a bit says that the tube of the cell's centre is clear.
     ends : (starts, L, places, ndim, 2) float32
-        How far the lower and the upper ends of the cells at a place have moved at the interval's end.
+        How far the lower and the upper ends of the cells at a place have moved at the interval's end, in the axes'
+        units.
     """
 
     without: frozenset[str] = frozenset()
@@ -81,7 +82,10 @@ class Copy(GeneralProof):
     _turn: list[int] = field(default_factory=lambda: [0])  # how many sets have been made, where they are of no step
 
     def taking(self, *what: str) -> "Copy":
-        """This proof, which has been prepared, with what is named, some of `CELLS`, taken away; arrays are shared."""
+        """This proof, which has been prepared, without the losses `what`, some of `CELLS`; nothing else is taken away.
+
+        A new proof, which shares its arrays with this one.
+        """
         clear = self.of_centres if "clearance" in what else self.clear
         return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0])
 
@@ -89,14 +93,14 @@ class Copy(GeneralProof):
     def phases(self) -> int:
         """After how many steps in a row without a change sets will not change any more (`Proof.phases`).
 
-        The number of `PHASES` where rounding is taken away, as images then differ from step to step; else 1.
+        The length of `PHASES` where rounding is taken away, as images then differ from step to step; else 1.
         """
         return len(PHASES) if "rounding" in self.without else 1
 
     def prepare(self, progress: bool | None) -> Packing:
-        """Fill moves, `clear`, `of_centres`, arrivals and ends, and make them read-only, unless that has been done.
+        """Fill the arrays and make them read-only, unless that has been done; return the `Packing` that `add` needs.
 
-        Returns the `Packing` that `add` needs. progress : not used. ValueError where a bound is missing.
+        progress : not used, no bar is shown. ValueError where no bound on a velocity is found (`Images.swept`).
         """
         if not self.low.flags.writeable:
             return Packing(self)
@@ -105,7 +109,11 @@ class Copy(GeneralProof):
         arrivals = Arrivals(self)
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
-            """Keep what the recursion needs of places `some` under u_j, for cells and centres; as of `Images.fill`."""
+            """Keep what the recursion needs of the places `some` (M,) under u_j, for cells and for centres.
+
+            start : the index of the interval. tubes (M, parts, ndim, 2), last (M, ndim, 2) : how far the ends of cells
+            move in each part and up to the interval's end (`Images.swept`).
+            """
             mark(start, j, some, tubes)
             mark_centres(start, j, some, self.centred(some, tubes), tubes)
             self.ends[start, j, some] = last
@@ -118,8 +126,8 @@ class Copy(GeneralProof):
     def centred(self, places: FloatArray, ends: FloatArray) -> FloatArray:
         """How far the centres of the cells at places (M,) may move, from how far their ends do: both (M, ..., ndim, 2).
 
-        A half width is taken off at both sides. Where the ends come nearer to each other than a width, the middle
-        between them counts.
+        Half of the cell's width is taken off at both sides. Where that would leave the lower end above the upper, both
+        are the middle between them. In the axes' units.
         """
         cells = self.cells_at(places)
         half = np.stack([np.diff(axis.edges())[own] / 2 for axis, own in zip(self.axes, cells.T, strict=True)], axis=1)
@@ -129,9 +137,10 @@ class Copy(GeneralProof):
         return np.stack([low - crossed, high + crossed], axis=-1)
 
     def moves(self, step: int) -> Moves:
-        """The images of the interval from a step; without rounding, those of the phase whose turn it is.
+        """As `Images.moves`, the images of the interval from a step; without rounding, those of a phase of `PHASES`.
 
-        As `Images.moves`. The turn is that of the step or, where nothing depends on time, of the sets made so far.
+        The phase is that with number `step` or, where nothing depends on time, that with the number of sets made so
+        far, both modulo the length of `PHASES`. Computed once for each phase and interval.
         """
         if "rounding" not in self.without:
             return super().moves(step)
@@ -141,9 +150,9 @@ class Copy(GeneralProof):
         return self._rounded[start, turn]
 
     def _moves_of_centres(self, start: int, phase: float) -> Moves:
-        """The images of the centres from one start, moved on by phase - 1/2 of a cell and rounded: `Moves`.
+        """The images of the centres in one interval, shifted by phase - 1/2 of a cell and rounded out: `Moves`.
 
-        They are inside the images of the cells.
+        Clipped to the images of the whole cells.
 
         start : the index of the interval in `low` and `high`. phase : from 0 to 1.
         """
@@ -155,10 +164,11 @@ class Copy(GeneralProof):
         return Moves(low, high, self.strides, self.past)
 
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
-        """Turn `cells`, S_k^{n-1}, into S_k^n, in place, as `GeneralProof.add`.
+        """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
 
-        Without rounding all cells are asked about, whatever has `changed`: their images are others than in the step
-        before. Counts the turn of `moves`.
+        k is `step`, and `following` S_{k+1}^{n-1}. Without rounding `prepared` and `changed` are not used, and all
+        cells are asked about: their images are others than in the step before. Each call is counted, as `moves` goes by
+        how many sets have been made.
         """
         if self.phases > 1:  # its moves are those of a turn
             prepared, changed = Packing(self), None
@@ -166,9 +176,9 @@ class Copy(GeneralProof):
         self._turn[0] += 1
 
     def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
-        """The sign of a set's function in each cell, as `Images.over_cells`; of the target also by the centres.
+        """As `Images.over_cells`, the sign of a set's level-set function in all of each cell.
 
-        If "target" is taken away, -1 for each cell whose centre is in the target.
+        For the target, if "target" is taken away, -1 also for each cell whose centre is in it.
         """
         found = super().over_cells(part, times)
         if "target" not in self.without or part is not self.problem.target:
@@ -181,9 +191,10 @@ class Copy(GeneralProof):
 
 
 class Tried(NamedTuple):
-    """A copy that was solved, and the one from which it differs.
+    """A copy that was solved, and the copy that it was made from by taking something away or adding something.
 
-    cause : what was taken away, in words, or "". helps : what helps against that, or what was added; or "".
+    cause : what was taken away, in words for the user; "" if something was added.
+    helps : what was added or, if something was taken away, what helps against it; "" if that is not known.
     table : the copy's table. before : the table of the copy that it was made from.
     """
 
@@ -196,8 +207,8 @@ class Tried(NamedTuple):
 class Gain(NamedTuple):
     """How many states are won by what was taken away, or added.
 
-    name : what was taken away, in words, or "". helps : what helps against that, or what was added; or "".
-    before, then : the share of the states that the copy without the change has, and the one with it.
+    name, helps : `cause` and `helps` of the copy (`Tried`).
+    before, then : the shares of the states, from 0 to 1, in the tubes of the copy before the change and after it.
     """
 
     name: str
@@ -207,20 +218,25 @@ class Gain(NamedTuple):
 
 
 class Limits:
-    """The coarse copies of a table's problem, and what of them gains states.
+    """The coarse copies of a table's problem, and which of the changes to it gain states.
 
-    All copies are solved when it is made; `gains` then answers for any states.
+    All copies are solved when it is made, which takes seconds; `gains` then answers for any states.
     """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
-        """Solve copies of a table's problem, of as many cells as a share of the time of its solve pays for.
+        """Solve all copies of a table's problem, with so few cells that it takes a share `SHARE` of the table's solve.
 
-        table : the `CertifiedTable`. sets : the class `CellSets`. Warnings and findings of the solves are dropped.
+        Or `LEAST` seconds where that is more, both by the model of `sdhj.certified.choosing`. At most `LONGEST` steps
+        are solved of a problem that does not depend on time, and `EVER` for ever. Warnings and findings of the solves
+        are dropped.
+
+        table : the `CertifiedTable`. sets : the class `CellSets`, which solves.
 
         Raises
         ------
         ValueError, MemoryError
-            As `sdhj.Certified.sets`, of which the proof of the arm's case study needs less.
+            As `sdhj.Certified.sets`. A table of the arm's case study may raise them too: its own proof needs less
+            than the `GeneralProof` of its copies.
         """
         problem, self.sets, self.parts = table.problem, sets, table.proof.parts
         self.ever = bool(table.details.get("endless") and problem.has_no_target)
@@ -237,9 +253,11 @@ class Limits:
         return " x ".join(str(axis.count) for axis in self.axes)
 
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
-        """What limits states (M, ndim) at a step with `within` to go, and what gains if it is added: two lists.
+        """What limits the table at some states, and what would gain some if added: (causes, added), lists of `Gain`.
 
-        Of `Gain`. In both the one that gains most is first, and those that gain little are left out.
+        In both the one that gains most is first; those that gain little (`_most`) are left out, so a list may be empty.
+
+        states (M, ndim) : M > 0. step : of the problem. within : the steps to go.
         """
         every = [
             Gain(one.cause, one.helps, *(self._share(own, states, step, within) for own in (one.before, one.table)))
@@ -259,7 +277,7 @@ class Limits:
     def _share(self, table: Any, states: FloatArray, step: int, within: int) -> float:
         """The share of states (M, ndim) that the tube (step, within) of a copy's table contains, from 0 to 1.
 
-        step, within : of the problem; a copy may have fewer and longer steps.
+        step, within : of the problem; a copy may have fewer and longer steps; as many whole ones count as there are.
         """
         longer = round(table.problem.delta / self.problem.delta)
         step = 0 if table.problem.time_invariant else min(step // longer, table.steps)
@@ -269,7 +287,10 @@ class Limits:
     # ---- the copies
 
     def _few(self, table: Any) -> tuple[CellAxis, ...]:
-        """The table's cells, or fewer, so that all copies together take a share of its time, by the model."""
+        """The cells of each axis of the copies: the table's, or fewer, so that all copies take as long as they may.
+
+        At least `FEWEST` along an axis, and no fewer once that saves no more time (`Limits`).
+        """
         problem, speeds, few, ndim = self.problem, speeds_of(self.problem), table.axes, len(table.axes)
         problems, cells = 2 + sum(1 for _ in self._lesser()), 2 * ndim + 2**ndim * (ndim <= MOST_AXES)
         settles = replace(problem, steps=min(problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
@@ -284,7 +305,12 @@ class Limits:
         return few
 
     def _copies(self) -> Iterator[Tried]:
-        """Solve and yield all copies: without something of the cells or of the problem, or with something added."""
+        """Solve the copies and yield each but the first, which is kept as `plain`, with the one that it was made from.
+
+        First those without something of what cells lose, the last of them without all of it; of this one those without
+        something of the problem; and at last those of `plain` with something added. Of the last two kinds those are
+        left out whose problem or proof is refused.
+        """
         proof, ever = self._proof(self.problem, self.axes), self.problem.has_no_target
         self.plain = plain = self._solved(proof)
         yield Tried("creep" if ever else "rounding", "", self._solved(proof.taking("rounding")), plain)
@@ -302,7 +328,10 @@ class Limits:
                 yield Tried("", helps, self._solved(self._proof(replace(self.problem, **change), axes)), plain)
 
     def _lesser(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Yield what of the problem may be taken away: its name, what helps against it, and the changed fields."""
+        """Yield what of the problem may be taken away: (its name, what helps against it, the changed fields).
+
+        Unsafe sets only where there are at most `MOST_SETS`.
+        """
         problem = self.problem
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):
             yield "push", "a smaller disturbance or stronger inputs", {"dynamics": problem.dynamics.undisturbed()}
@@ -313,7 +342,7 @@ class Limits:
             yield f"clearance of {one.name!r}", f"more room beside {one.name!r}", {"unsafe": rest}
 
     def _further(self) -> Iterator[tuple[str, dict[str, Any], tuple[CellAxis, ...]]]:
-        """Yield what may be added: what helps, in words, the problem's changed fields, and the cells of each axis."""
+        """Yield what may be added: (what it is, in words, the problem's changed fields, the cells of each axis)."""
         problem, axes, every = self.problem, self.axes, list[CellAxis]()
         for k, name in enumerate(problem.grid.names):
             finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
@@ -327,7 +356,10 @@ class Limits:
             yield "Sensing(..., memory=True) and Controller.step", {"sensing": remembers}, axes
 
     def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> Copy:
-        """The proof of a problem, prepared, with cells as wide as those of `axes` along each axis."""
+        """The `Copy` of a problem, prepared, with cells as wide as those of `axes`.
+
+        Layers are those that the problem has, whatever those of `axes`. ValueError and MemoryError as for `Limits`.
+        """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
         proof: Any = Copy.of(problem, own, self.parts)
@@ -344,6 +376,9 @@ class Limits:
 
 
 def _most(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
-    """The gains of at least `least` and of a share of what the best of them gains, the best first."""
+    """The gains of at least `least`, of `GAINED`, and of the share `BESIDE` of the largest, the largest first.
+
+    gains : in any order, possibly none.
+    """
     least = max([least, GAINED, *(BESIDE * (own.then - own.before) for own in gains)])
     return sorted((own for own in gains if own.then - own.before >= least), key=lambda own: own.before - own.then)

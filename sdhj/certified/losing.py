@@ -43,10 +43,16 @@ class LosingProof(Images):
     """The images of cells over one interval where the adversary chooses; `CellSets` asks it what it asks of any proof.
 
     Its moves are (starts, L * V, places, ndim), those of u_j under vertex v of the adversary's box at j * V + v. Made
-    by `against` and filled by `prepare`.
+    by `against` and filled by `prepare`. For its other attributes see `Images`.
+
+    Attributes
+    ----------
+    vertices : (V, D)
+        The vertices of the adversary's box, as signs of its D components: -1 or 1; of a component that is always 0 only
+        1.
     """
 
-    vertices: FloatArray  # (V, D), the signs of the adversary's components
+    vertices: FloatArray
     kind = "losing"
 
     @property
@@ -87,7 +93,8 @@ class LosingProof(Images):
     def prepare(self, progress: bool | None) -> Packing:
         """Fill the moves of every input and vertex, make them read-only, and return the `Packing` that `add` needs.
 
-        progress : whether to show a bar, as for `sdhj.solve`. ValueError where a bound is missing.
+        progress : whether to show a bar, as for `sdhj.solve`. ValueError where no bound on a velocity is found, or an
+        interval leads too many cells on (`Images.fill`).
         """
         self.fill(1, progress, lambda *_: None)
         read_only((self.low, self.high))
@@ -113,7 +120,7 @@ class LosingProof(Images):
     def goal(self, step: int) -> FloatArray:
         """Lost_k^0 for k = step, packed (rows, W) uint64: cells inside G(t_k) and, with a target, those outside L(t_k).
 
-        If nothing depends on time, at all times.
+        If nothing depends on time, at all times, and `step` is not used.
         """
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
@@ -125,7 +132,10 @@ class LosingProof(Images):
     def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, Lost_k^{n-1}, into Lost_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
-        prepared : what `prepare` returned.
+        With a target, cells are taken away from which some input has no vertex that leads into `following`; without
+        one, the others are added. Cells inside the unsafe sets are always among them.
+
+        prepared : the `Packing` that `prepare` returned.
         following : Lost_{k+1}^{n-1}.
         changed : the rows, and their words, in which `following` differs from Lost_{k+1}^{n-2}; only cells whose images
             may be there are looked at. None: all are.

@@ -52,7 +52,7 @@ class Lines(NamedTuple):
 
 
 def no_lines(ndim: int) -> Lines:
-    """Lines without normals, on `ndim` axes: all images are boxes."""
+    """The `Lines` of a proof of `ndim` axes whose images are all boxes: without normals, and read-only."""
     nothing = np.zeros((0, ndim)), np.zeros((2, ndim), np.int64), np.zeros((0, 0, 0, 0, 2), np.int16)
     return Lines(*read_only(nothing))
 
@@ -65,7 +65,8 @@ def normals_of(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: Fl
     column of the gain; else a fan of `FAN` directions. There are none with `Sensing`, with black boxes, or if they were
     more than `MOST_NORMALS`.
 
-    depends : (ndim,) bool, the axes of a place (`place_axes`).
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`). A
+    normal has no part along these; its largest part is 1.
     """
     dynamics, found = problem.dynamics, list[FloatArray]()
     if problem.sensing or not dynamics.formulas:
@@ -99,14 +100,15 @@ def rates_along(
     """The least and the greatest n . f under u_j in boxes (M, ndim) and `times`, for each of K normals n: (2, M, K).
 
     f is the velocity under any disturbance: drift + gain v, or velocity(v) with v in any of the pieces that its bounds
-    are cut into.
+    are cut into. Only the part of a box that is on the grid counts; infinite where no bound is known.
 
-    normals : (K, ndim). low, high : the corners of the boxes. times : from s to s.
+    bounds : of a problem whose dynamics are formulas. normals : (K, ndim). low, high : the corners of the boxes.
+    times : from s to s.
     """
     dynamics, grid = bounds.problem.dynamics, bounds.problem.grid
 
     def bounded(low: FloatArray, high: FloatArray) -> Ends:
-        """The least and the greatest n . f over boxes (n, ndim) within the grid: two (n, K)."""
+        """The least and the greatest n . f over boxes (n, ndim), from low to high and within the grid: two (n, K)."""
         if dynamics.gain is None:
             # obligation 2.48
             pieces = [_component(normals, *dynamics.each["drift"][j].bounds(low, high, times, *v)) for v in cut]
@@ -151,7 +153,7 @@ def changes_along(
 
     The sum over the parts of length * (bounds on n . f in the part's tube), rounded outward.
 
-    normals : (K, ndim). boxes : lower and upper corners.
+    bounds, normals, j : as for `rates_along`. boxes : lower and upper corners.
     tubes (M, parts, ndim, 2) : how far the ends of the boxes move in each part, under u_j.
     begin, duration : of the interval, s. The length of a part is duration / parts, not a difference of two times, whose
         rounding grows with the times.
@@ -167,9 +169,9 @@ def changes_along(
 
 
 def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
-    """The largest number of rows of boxes of cells from low to high (M, ndim).
+    """The largest number of rows that a box of cells has, of those from low to high (M, ndim), M > 0.
 
-    Rows are counted over the axes, except the last, that one of the normals (K, ndim) has a part along.
+    A row has one index on each of the axes, except the last, that one of the normals (K, ndim) has a part along.
     """
     oblique: Any = normals.any(axis=0)
     numbers = high.astype(np.int64)[:, :-1] - low[:, :-1] + 1
@@ -179,13 +181,15 @@ def rows_of(normals: FloatArray, low: FloatArray, high: FloatArray) -> int:
 def lines_in_boxes(
     axes: Sequence[CellAxis], normals: FloatArray, low: FloatArray, high: FloatArray, far: FloatArray
 ) -> FloatArray:
-    """The lines (M, rows, 2) int16 of images: in each row of a box the first and the last cell between the planes.
+    """The lines of M images: in each row of a box the first and the last cell between its planes, (M, rows, 2) int16.
 
-    As offsets from a cell's own index; in rows beyond those of a box 0.
+    As offsets, along the last axis, from a cell's own index. A row where no cell is between the planes ends before it
+    begins, as in (0, -1). Rows are those of `rows_of` in C order, as many as the largest box has; in rows that another
+    box has not there is 0.
 
-    axes : the cells of all axes. normals : (K, ndim).
-    low, high (M, ndim) : the boxes of the images, as offsets.
-    far (2, M, K) : by how much n . x changes at least and at most, of `changes_along`.
+    axes : the cells of all axes. normals (K, ndim) : of the planes.
+    low, high (M, ndim) : the boxes of the images, as offsets; M > 0.
+    far (2, M, K) : by how much n . x changes at least and at most, as `changes_along` returns it.
     """
     out = np.zeros((len(low), rows_of(normals, low, high), 2), np.int16)
     width, scale = (np.array([float(getattr(axis, name)) for axis in axes]) for name in ("width", "scale"))
@@ -217,16 +221,16 @@ class Drawing:
     """
 
     def __init__(self, proof: Any) -> None:
-        """Find the normals for a `GeneralProof` that is being prepared; there are no lines yet."""
+        """Find the normals (`normals_of`) for a `GeneralProof` that is being prepared; there are no lines yet."""
         self.proof, self.found = proof, dict[tuple[int, int, int], FloatArray]()
         self.halo: FloatArray = np.zeros((2, len(proof.axes)), np.int64)
         self.normals = normals_of(proof.problem, proof.axes, proof.strides > 0)
 
     def add(self, start: int, j: int, some: FloatArray, tubes: FloatArray) -> None:
-        """Draw the lines of places `some` (M,) under u_j; their moves must already be in the proof.
+        """Draw the lines of places `some` (M,), consecutive numbers, under u_j, and keep them.
 
-        Where lines would take too much memory, or a row goes once around a periodic axis, all normals are dropped for
-        good, and all images stay boxes.
+        The places' moves must already be in the proof. Does nothing without normals. Where lines would take too much
+        memory, or a row goes once around a periodic axis, all normals are dropped for good, and all images stay boxes.
 
         start : the index of the interval in the proof's moves. tubes (M, parts, ndim, 2) : as `Images.swept` returns
             them.
@@ -247,7 +251,10 @@ class Drawing:
 
     @property
     def lines(self) -> Lines:
-        """The `Lines` of all places that were added, padded to the rows of the largest box; a new object each time."""
+        """The `Lines` of all places that were added, read-only; a new object each time.
+
+        Rows beyond those of a box, and those of places that were not added, are 0. No lines without normals.
+        """
         if not len(self.normals):
             return no_lines(len(self.proof.axes))
         rows = max(one.shape[1] for one in self.found.values())
@@ -260,15 +267,15 @@ class Drawing:
 def most_bytes(problem: ReachAvoidProblem, axes: Sequence[CellAxis], depends: FloatArray) -> int:
     """The bytes that the lines of images take at most, while they are drawn, too; 0 without normals (`normals_of`).
 
-    depends : (ndim,) bool, the axes of a place.
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place.
     """
     return 8 * MOST_LINES if len(normals_of(problem, axes, depends)) else 0
 
 
 def lines_in_file(stated: Mapping[str, Any], file: h5py.File, proof: Any) -> Lines:
-    """The lines in an open file, read-only; ValueError where they do not fit the proof, whose moves are read already.
+    """The lines in an open file, read-only; ValueError where their normals, halo or shape do not fit the proof.
 
-    stated : the proof's part of the head, with `normals` and `halo`.
+    stated : the proof's part of the head, with "normals" and "halo". proof : a `GeneralProof` that has its moves.
     """
     ndim, depends = len(proof.axes), proof.strides > 0
     normals, halo = np.array(stated["normals"], np.float64), np.array(stated["halo"], np.int64)

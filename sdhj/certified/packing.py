@@ -21,14 +21,19 @@ from sdhj.kernels.windows import add_led
 from sdhj.problem.grid import Grid
 
 FEWEST = 16  # cells of an axis that is packed in place of the last
-Changes = tuple[FloatArray, FloatArray] | None  # rows, and their words with cells that changed; None: any may have
+# rows (n,) of a packed set, and words (n, W), in which each cell that has changed is a set bit; None: any may have
+Changes = tuple[FloatArray, FloatArray] | None
 
 
 def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray, oblique: bool) -> int:
-    """The axis along which sets are packed in the recursion: the last, or the longest on which all cells move alike.
+    """The number of the axis along which sets are packed in the recursion.
 
-    depends : (ndim,) bool, the axes of a place
-    oblique : whether images are lines, which are along the last axis
+    The longest axis of at least `FEWEST` cells that is no axis of a place, so that all cells along it move alike. The
+    last axis instead if it is no axis of a place itself, if there is no such axis, if images are lines, or if an axis
+    of the grid has a safe end.
+
+    axes : the cells of each axis. depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`).
+    oblique : whether images are lines (`sdhj.certified.oblique`), which are along the last axis.
     """
     alike = [k for k, own in enumerate(axes) if not depends[k] and own.count >= FEWEST]
     if not depends[-1] or not alike or oblique or grid.has("frees"):
@@ -37,7 +42,12 @@ def packed_axis(grid: Grid, axes: Sequence[CellAxis], depends: FloatArray, obliq
 
 
 class _Swapped(NamedTuple):
-    """What the recursion is asked with: cells, moves and how far these lead at most, and marks of an interval."""
+    """What `Packing.add` hands to compiled code about one step; the last axis is the one along which sets are packed.
+
+    cells : the cells of all axes. moves : the images of the step's interval.
+    far (inputs, 2, ndim) : the boxes of `Images.farthest_moves` for this interval.
+    marks (cells, bytes) uint8 : the bits of clear inputs; (0, 0): all are clear.
+    """
 
     cells: Cells
     moves: Moves
@@ -46,27 +56,47 @@ class _Swapped(NamedTuple):
 
 
 class Packing:
-    """The sets of a proof whose moves are known, while the recursion makes them."""
+    """Makes the sets of one step from those of the next, packed along the axis that takes least time.
+
+    Attributes
+    ----------
+    proof : sdhj.certified.images.Images
+        Whose images are asked for.
+    axis : int
+        Along which sets are packed while they are made (`packed_axis`).
+    alike : bool
+        Whether all cells move alike, so that images are united (`sdhj.certified.word_tubes`).
+    order : (ndim,) int64
+        The axes, with `axis` and the last in each other's place.
+    known : dict
+        The last step that was asked for, as an index of moves and marks, and what `_at` returned for it.
+    """
 
     def __init__(self, proof: Any) -> None:
-        """For a proof (`sdhj.certified.images.Images`)."""
+        """For a proof, an `sdhj.certified.images.Images` whose moves, and lines if it has any, are filled."""
         self.proof, last = proof, len(proof.axes) - 1
         oblique = bool(len(proof.lines.normals))
         self.axis = packed_axis(proof.problem.grid, proof.axes, proof.strides > 0, oblique)
         self.alike = not oblique and goes_along(proof.problem, proof.strides > 0, range(last + 1))
         self.order = np.arange(last + 1)
         self.order[[self.axis, last]] = last, self.axis
-        self.known: dict[int, _Swapped] = {}  # of one step
+        self.known: dict[int, _Swapped] = {}
 
     def add(
         self, cells: FloatArray, following: FloatArray, step: int, changed: Changes, marks: FloatArray, groups: int
     ) -> None:
-        """Add to `cells` those of which `following` holds the image under a clear input; or, where sets shrink, take
-        away those without such an input. In place, all sets (rows, W) uint64.
+        """Add to `cells` each cell whose image under a clear input is in `following`; in place.
 
-        Only words are asked whose images may hold a change. changed : by which rows and bits `following` has changed;
-        None: all are asked. marks (starts, cells, bytes) uint8 : the bits of clear inputs, or none, and any is.
-        groups : into how many groups of moves, one behind the other, inputs fall, each of which needs one that does it.
+        Where the proof's sets shrink (`Proof.shrinks`), instead take away each cell that has no such input.
+
+        cells, following (rows, W) uint64 : sets packed along the last axis. following : is not modified.
+        step : that of `cells`; where moves or marks are known for one step only, these are taken.
+        changed : the rows of `following`, and bits, that differ from the set that was `following` when `cells` was
+            made; only words of cells whose images may hold one are looked at. None: all are. Not used where all cells
+            move alike, `groups` is 1 and there are marks.
+        marks (starts, cells, bytes) uint8 : bit j % 8 of byte j // 8: u_j is clear; (starts, 0, 0): all inputs are.
+        groups : how many groups of equal length the moves fall into, one after the other; a cell needs a clear input
+            of each group.
         """
         some = self._at(step, marks)
         if self.alike and groups == 1 and marks.size:
@@ -86,7 +116,13 @@ class Packing:
         cells[...] = self._swapped(inside, True)
 
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
-        """`add` where all cells move alike: what an image may miss is united as what a tube may meet."""
+        """`add` where all cells move alike and there is one group.
+
+        An image misses the set if it holds a cell outside, so cells outside are united over the window of an image as
+        boxes are over that of a tube (`sdhj.certified.word_tubes.united`).
+
+        cells : modified in place. following : as for `add`, both packed along the last axis. some : of the step.
+        """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32
         lattice, count = Lattice(axes, ones == 0, ones, 0.0 * ones, 0.0 * ones), axes[-1].count
@@ -98,7 +134,10 @@ class Packing:
         cells[...] = led if self.proof.shrinks else cells | led  # obligation 3.34
 
     def _grow(self, cells: FloatArray, following: FloatArray, changed: Changes, some: _Swapped, groups: int) -> None:
-        """`add`, of sets that are packed as they are asked for."""
+        """`add` for sets that are packed along `axis` already; `cells` is modified in place.
+
+        cells, following, changed, groups : as for `Packing.add`, but along `axis`. some : of the step.
+        """
         near = np.full(cells.shape, changed is None)
         if changed is not None:
             scratch = np.empty((4, len(self.order) - 1), np.int64), np.empty(cells.shape[1], np.bool_)
@@ -107,9 +146,13 @@ class Packing:
         grow(near, cells, extended, some.marks, some.moves, groups, some.cells, self.proof.shrinks)
 
     def _extended(self, following: FloatArray, some: _Swapped) -> FloatArray:
-        """A set of cells (rows, W), padded on the packed axis as far as images reach, so that none wraps or is clipped.
+        """The set `following` (rows, W), with a margin of whole words before and behind each row: (rows, W') uint64.
 
-        As it is where cells there are not alike, or images reach farther than the axis is long.
+        The margin is as wide as images reach along the packed axis, so that none is wrapped or clipped there; it
+        repeats the row of a periodic axis, and the first and the last cell of a bounded one. The set is returned as it
+        is where a place depends on the packed axis, an end is safe, or images reach farther than the axis is long.
+
+        some : of the step.
         """
         moves, count, periodic = some.moves, int(some.cells.counts[-1]), some.cells.periodic[-1]
         far = max(-int(moves.low[..., -1].min()), int(moves.high[..., -1].max()), 0)
@@ -119,7 +162,10 @@ class Packing:
         return to_words(np.pad(to_bits(following, count), [(0, 0), (margin, margin)], mode=mode))  # type: ignore[call-overload]
 
     def _at(self, step: int, marks: FloatArray) -> _Swapped:
-        """What is asked at a step."""
+        """What compiled code is handed at a step, in the order of axes `order`; the last one is kept in `known`.
+
+        marks (starts, cells, bytes) : as for `Packing.add`.
+        """
         proof, at = self.proof, min(step, max(len(marks), len(self.proof.low)) - 1)
         if at not in self.known:
             moves, far = proof.moves(at), proof.farthest_moves[min(at, len(proof.farthest_moves) - 1)]
@@ -128,11 +174,11 @@ class Packing:
         return self.known[at]
 
     def _in_order(self, some: _Swapped) -> _Swapped:
-        """What is asked, with two axes at each other's place."""
+        """What `some` has, in the order of axes `order`: with `axis` and the last one exchanged, as new arrays."""
         order, number = self.order, some.marks.shape[-1]
 
         def in_order(told: Any, names: Sequence[str]) -> Any:
-            """A tuple with some of its arrays, which are of axes, in order."""
+            """The NamedTuple `told` with its fields `names`, whose last dimension is the axes, taken in `order`."""
             ordered = {name: np.ascontiguousarray(getattr(told, name)[..., order]) for name in names}
             return told._replace(**read_only(ordered))
 
@@ -145,7 +191,10 @@ class Packing:
         return _Swapped(cells, moves, *read_only((np.ascontiguousarray(some.far[..., order]), marks)))
 
     def _swapped(self, sets: FloatArray, back: bool) -> FloatArray:
-        """Sets packed along the last axis packed along another, which changes places with it; or back."""
+        """The set `sets` (rows, W), packed along the last axis, packed along `axis` instead: (rows', W') uint64, new.
+
+        back : the other way, from `axis` to the last.
+        """
         counts = self.proof.cells.counts
         ends = [int(counts[self.axis]), int(counts[-1])]
         first, last = ends[::-1] if back else ends

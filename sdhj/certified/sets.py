@@ -210,10 +210,13 @@ class Certified(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> "CellSets":
         """The sets of a problem, ready for the recursion; preparing them takes about half of the time of a solve.
 
-        progress : whether to show progress bars, as for `sdhj.solve`.
+        What the solve will cost is said before that (`sdhj.problem.cost.begin`).
 
-        ValueError if the options, or the cost of the solve, do not fit the problem, MemoryError where it does not fit
-        into memory.
+        progress : whether to show progress bars; None: if standard error is a terminal.
+
+        ValueError if `cells` has not one number for each axis, the arm's lengths, speeds or steps are too large for its
+        proof, a function of the problem has no bound, or an interval leads too many cells on; MemoryError where the
+        solve does not fit into memory.
         """
         proof = self.proof(problem)
         begin(partial(cost_in_cells, proof), problem.steps is None)
@@ -222,19 +225,22 @@ class Certified(Options):
     def estimate(self, problem: ReachAvoidProblem) -> "Estimate":
         """Estimate the memory and the time of a solve.
 
-        A solve with fewer cells is timed, an eighth of them where that takes more than a second or two, and
-        extrapolated by the model of `sdhj.certified.choosing`.
+        A solve with fewer cells is timed, an eighth of them or `QUICK` where that is more, and extrapolated by the
+        model of `sdhj.certified.choosing`. So it takes a part of the time of the solve.
 
         Raises
         ------
         ValueError, MemoryError
-            As `sets`.
+            As `Certified.sets`.
         """
         proof, speeds = self.proof(problem), speeds_of(problem)
         count = math.prod(axis.count for axis in proof.axes)
 
         def model(axes: tuple[CellAxis, ...]) -> Sequence[float]:
-            """What preparing and the recursion cost with these cells, each in a unit of its own: for ratios alone."""
+            """What preparing and the recursion cost with these cells, each in a unit of its own: for ratios alone.
+
+            axes : the cells of each axis.
+            """
             if isinstance(proof, GeneralProof):
                 return cost(problem, axes, self.parts, speeds)
             # the agent's cells that touch the arm are found a row at a time
@@ -258,15 +264,15 @@ class Certified(Options):
     def proof(self, problem: ReachAvoidProblem) -> ArmProof | GeneralProof:
         """The proof of a problem, not yet prepared: an `ArmProof` of the arm's case studies, else a `GeneralProof`.
 
-        A case study that has been changed, as by one more set, has a `GeneralProof`. MemoryError and ValueError as of
-        `sets`.
+        A case study that has been changed, as by one more set, has a `GeneralProof`. MemoryError and ValueError as from
+        `Certified.sets`.
         """
         kind: type[ArmProof] | type[GeneralProof]  # an arm with another set is a robot like any other
         kind = ArmProof if as_built(problem) else GeneralProof
         return kind.of(problem, self.axes(problem), self.parts)
 
     def axes(self, problem: ReachAvoidProblem) -> tuple[CellAxis, ...]:
-        """The cells of each axis: about `cells`, or as many as the model chooses.
+        """The cells of each axis: about `cells`, or as many as the model chooses (`chosen_cells`), and aligned.
 
         ValueError unless `cells` has a number for each axis.
         """
@@ -279,9 +285,9 @@ class Certified(Options):
 
 
 def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
-    """The `Cost` of a solve with the cells of a proof, by the model of cells; said before the solve begins.
+    """The `Cost` of a solve with the cells of a proof, by the model of `sdhj.certified.choosing`; nothing is said here.
 
-    Its operations are those of `sdhj.problem.cost`, as many as take as long.
+    Its operations are as many of those of `sdhj.problem.cost` as take as long. proof : not yet prepared.
     """
     problem, axes, speeds = proof.problem, proof.axes, speeds_of(proof.problem)
     count, steps = math.prod(axis.count for axis in axes), problem.steps or ENDLESS_STEPS

@@ -95,16 +95,20 @@ class CertifiedTable(Table):
         return int(self.index.nbytes + self.pool.nbytes) + self.proof.nbytes
 
     def tube_index(self, start: int, within: int | None) -> int:
-        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start."""
+        """The row of `index` for the tube (start, within); None and too large a `within` count as N - start.
+
+        ValueError if `start` is no whole number from 0 to N, or `within` none from 0 on.
+        """
         start, within = self.clipped(start, within)
         several = len(self.index) > self.steps + 1
         return entry(self.steps, start, within) if several else min(within, len(self.index) - 1)
 
     def _fewest(self, states: FloatArray, first: int, last: int, slack: FloatArray) -> FloatArray:
-        """In how many of the nested sets in rows first to last of `index` each of the states is not: (M,) int64.
+        """In how many of the sets in rows first to last of `index`, each inside the next, a state is not: (M,) int64.
 
-        So it is the number of the first set that a state is in, or last - first + 1. A state is in a set if it is off
-        one of its cells by no more than slack (ndim,). ValueError where the states (M, ndim) do not fit.
+        So it is the number of the first set that a state is in, from 0, or last - first + 1 for none. A state is in a
+        set if it is off one of its cells by no more than slack (ndim,). ValueError where the states (M, ndim) do not
+        fit.
         """
         states = states_array("states", np.atleast_2d(real_array("states", states)), len(self.axes))
         out = np.empty(len(states), np.int64)
@@ -124,7 +128,7 @@ class CertifiedTable(Table):
         return self._fewest(states, self.tube_index(step, 0), last, self.proof.shell)
 
     def _inside(self, points: FloatArray, start: int, within: int) -> FloatArray:
-        """Whether states (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, without the shell.
+        """Whether states `points` (M, ndim) are in the tube (start, within), (M,) bool: in its closed cells, no shell.
 
         With sensing, a state is in the tube only where every measurement or prediction of it is, all of the box E
         around it.
@@ -146,7 +150,10 @@ class CertifiedTable(Table):
         return self._fewest(points, place, place, self.proof.rounding) > 0
 
     def holds(self, cell: FloatArray, start: int, within: int) -> bool:
-        """Whether the cell (ndim,) int64, indices, is certified for the tube (start, within)."""
+        """Whether the cell (ndim,) int64, indices, is certified for the tube (start, within).
+
+        The indices must be on the grid, which is not checked.
+        """
         place, out = self.tube_index(start, within), np.empty(1, np.int64)
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
@@ -154,8 +161,8 @@ class CertifiedTable(Table):
     def around(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
-        Clipped at bounded ends that are not safe. Where all of them are in a set of cells, so is whatever may be
-        measured.
+        The corners of the box among them. Clipped at bounded ends that are not safe. Where all of them are in a set of
+        cells, so is whatever may be measured. E is 0 without sensing: then V is 1.
         """
         columns = []
         for axis, (own, off) in enumerate(zip(self.axes, self.proof.prediction_error, strict=True)):
@@ -181,9 +188,9 @@ class CertifiedTable(Table):
     def certified_boxes(self, low: FloatArray, high: FloatArray, *, start: int, within: int) -> FloatArray:
         """Whether all, and whether any, states of boxes from low to high (M, ndim) are certified: bool (2, M).
 
-        For the tube (start, within). A box counts as wholly certified even if it exceeds the cells by the shell plus
-        twice `DRIFT` of the scale. A box that crosses the end of an axis, periodic or not, never counts as wholly
-        certified, and always as certified in part.
+        Row 0 says it of all, row 1 of any, for the tube (start, within). A box counts as wholly certified even if it
+        exceeds the cells by the shell plus twice `DRIFT` of the scale. A box that crosses the end of an axis, periodic
+        or not, never counts as wholly certified, and always as certified in part.
         """
         cells, index, out = self.cells, self.index[self.tube_index(start, within)], np.empty((2, 2, len(low)), np.bool_)
         shell, drift = self.proof.shell, DRIFT * np.array([axis.scale for axis in self.axes])
@@ -207,13 +214,14 @@ class CertifiedTable(Table):
         """Which inputs are proved safe over the interval and to leave `within` - 1 steps to go, from states (M, ndim).
 
         Returns bool (M, L). A state in a certified cell of the tube (step, within) has at least one such input, except
-        for within = 0; any other state has none. `within` is at most N - step. An input counts if it is proved from any
-        cell within the shell of the state.
+        for within = 0; any other state has none. A `within` above N - step counts as N - step. An input counts if it is
+        proved from any cell within the shell of the state, so there is no margin to read. At the last step there is no
+        input.
         """
         place, within = self.tube_index(step, within), min(within, self.steps - step)
 
         def asked(cells: FloatArray) -> FloatArray:
-            """Which inputs (n, L) are certified from cells (n, ndim) of this tube."""
+            """Which inputs are certified from cells (n, ndim): (n, L) bool; none from those not in this tube."""
             held = np.empty(len(cells), np.int64)
             fewest_of_cells(cells, self.cells, self.index[place : place + 1], self.pool, held)
             return self.inputs_of(cells, np.where(held == 0, within, 0), step)
@@ -223,7 +231,8 @@ class CertifiedTable(Table):
     def _united(self, states: FloatArray, asked: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """For each state (M, ndim) the OR of asked(cell) over all cells within the shell of the state: bool (M, L).
 
-        asked : called once with cells (n, ndim); returns bool (n, L).
+        asked : called once with all these cells (n, ndim), n = 0 where none is near; returns bool (n, L). A state off
+            the grid has no cell, and no input.
         """
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
@@ -238,6 +247,8 @@ class CertifiedTable(Table):
         """The fewest steps certified for all states of each cell (M, ndim) at a step: (M,), N - step + 1 for none.
 
         Without a target 0 where the cell is certified to stay clear for all steps that are left, else N - step + 1.
+
+        cells : indices int64, on the grid, which is not checked.
         """
         last, out = self.tube_index(step, self.steps), np.empty(len(cells), np.int64)
         first = last if self.problem.has_no_target else self.tube_index(step, 0)
@@ -249,8 +260,9 @@ class CertifiedTable(Table):
     ) -> FloatArray:
         """Which inputs are certified from all states of cells (M, ndim) at a step: bool (M, L).
 
-        No input is at the last step.
+        At the last step none is.
 
+        cells : indices int64, on the grid, which is not checked.
         ahead (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set with
             ahead - 1; 0: none is.
         among (M, L) bool : the inputs that are asked about, by default all; False for others.
@@ -265,7 +277,7 @@ class CertifiedTable(Table):
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L).
 
-        From a step before the last.
+        cells : indices int64, on the grid. step : before the last. Neither is checked.
         """
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
@@ -275,10 +287,10 @@ class CertifiedTable(Table):
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
 
-        Returns the lower and the upper corners, (M, ndim) each: the ends of the cells that points (M, ndim) at a step
-        are proved to lead to under inputs (M,), indices; NaN for a point off the grid. And (M, ndim), along each axis 2
-        E, or E where the point is known to be at a wall. If several cells are within the shell of a point, that of
-        `led` counts.
+        Returns three arrays (M, ndim). The lower and the upper corners: the ends of the cells that points (M, ndim) at
+        a step are led to under inputs (M,), indices, or a point half a shell behind a wall where all of them are its
+        layer; NaN for a point off the grid. And how far the measurement may be along each axis: 2 E, or E where both
+        corners are the same. If several cells are within the shell of a point, that counts which `led` takes.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
         rows, begin, end = self.led(points, inputs, step)
@@ -324,14 +336,15 @@ class CertifiedTable(Table):
         return np.where(cells.periodic, edges, np.clip(edges, self.grid.lower, self.grid.upper))
 
     def centres(self, cells: FloatArray) -> FloatArray:
-        """The states (M, ndim) in the middle of cells (M, ndim)."""
+        """The states (M, ndim) in the middle of cells (M, ndim), indices; along an axis of a layer, at the wall."""
         edges = [axis.edges() for axis in self.axes]
         return np.stack([(one[k] + one[k + 1]) / 2 for one, k in zip(edges, cells.T, strict=True)], axis=1)
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape; <= 0 in the tube.
 
-        float32; without a target 0 in the tube and 1 outside. start, within : the tube, by default (0, N).
+        float32; without a target 0 in the tube and 1 outside. start, within : the tube (k, n), by default (0, N);
+        ValueError where `start` is not from 0 to N, or `within` below 0.
         """
         start, within = self.clipped(start, within)
         if self.problem.has_no_target:
@@ -343,11 +356,18 @@ class CertifiedTable(Table):
         return (fewest - within).reshape(self.grid.shape).astype(np.float32)
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,)."""
+        """Which inputs are certified for the tube (start, within) at the nodes of the grid: bool, grid.shape + (L,).
+
+        False for all inputs at nodes outside the tube. start, within : the tube (k, n), by default (0, N); ValueError
+        where `start` is not from 0 to N, or `within` below 0.
+        """
         return self.certified_inputs(self.grid.points(), *self.clipped(start, within)).reshape(*self.grid.shape, -1)
 
     def _values_at(self, points: FloatArray, step: int, within: FloatArray) -> FloatArray:
-        """Certified steps to go of points (M, V, ndim) at a step minus within (M,): (M, V), <= 0 in the tube."""
+        """Certified steps to go of points (M, V, ndim) at a step minus `within` (M,): (M, V) float, <= 0 in the tube.
+
+        The shell counts, as for `steps_to_go`. Without a target <= 0 in the tube of all steps that are left.
+        """
         to_go = self.steps_to_go(points.reshape(-1, self.grid.ndim), step).reshape(points.shape[:2])
         return (to_go - within[:, None]).astype(np.float64)
 
@@ -355,7 +375,7 @@ class CertifiedTable(Table):
         """Values (M, L): < 0 where an input is proved to stay clear from the cell of a state (M, ndim), else > 0.
 
         The magnitude is the distance from the unsafe sets, by their level-set functions, of where the input leads at
-        the interval's end without an adversary; it proves nothing.
+        the interval's end without an adversary; it proves nothing. step : before the last.
         """
         clear = self._words.look(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
@@ -365,8 +385,9 @@ class CertifiedTable(Table):
         return np.where(clear, np.minimum(near, -TOUCHING), np.maximum(near, TOUCHING))
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """The answers for states (M, ndim) at a step, by the words of their cells; only certified inputs are safe.
+        """The answers for states (M, ndim) at a step, a `ProvedBatch`; only certified inputs are safe.
 
+        step : a whole number from 0 to N, else ValueError.
         within : inputs are judged by the tube of the fewest steps to go, but of `within` where that is more. Without a
             target always by that of all steps that are left.
         scores (M, L) : `best` is then the first safe input of least score, else the one that "deepest" prefers at the
@@ -391,9 +412,9 @@ class CertifiedTable(Table):
         return batch
 
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
-        """The input that a built-in rule, by name, prefers at the centre of each state's cell, (M,); -1 for none.
+        """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where no input is safe.
 
-        batch : what `answers` has returned for the states. -1 where no input is safe.
+        batch : what `answers` has returned for the states, without scores. rule : a name in `sdhj.table.rules.RULES`.
         """
         return (
             batch.best.copy()
@@ -404,7 +425,8 @@ class CertifiedTable(Table):
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state of a batch the safe input of least score, of equals that of least margin: (M,).
 
-        scores : (M, L). Where no input is safe, it is `batch.best`.
+        batch : what `answers` has returned. scores (M, L) : finite for safe inputs; of others they are not read. Where
+        no input is safe, it is `batch.best`.
         """
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
@@ -412,7 +434,8 @@ class CertifiedTable(Table):
     def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Whether each input passes the check against the true sets, as controllers ask any table: all True, (M,).
 
-        Nothing needs to be checked, as safe inputs are proved.
+        Nothing needs to be checked, as safe inputs are proved. Of the arguments only the length of `inputs` (M,) is
+        used; the contract is that of `sdhj.table.batches.Table.passes`.
         """
         return np.ones(len(inputs), np.bool_)
 
@@ -422,9 +445,9 @@ class CertifiedTable(Table):
         return Words()
 
     def bits(self, *, start: int, within: int) -> FloatArray:
-        """Which cells are in the tube (start, within): bool of shape `shape`, a byte for each cell.
+        """Which cells are in the tube (start, within): bool of shape `shape`, a byte for each cell, layers among them.
 
-        900 million of them for the arm's case study by default.
+        900 MB for the arm's case study with the default cells.
         """
         packed = int(np.prod(self.shape[self.proof.rows :], dtype=np.int64))
         return to_bits(self.pool[self.index[self.tube_index(start, within)]], packed).reshape(self.shape)
@@ -521,7 +544,10 @@ class CertifiedTable(Table):
         return int((self.proof.shell / each).min() * (1 + 1e-12))  # 499.99... by rounding alone is 500
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the table to an HDF5 file; replaces it, whole or not at all. OSError if it cannot be written."""
+        """Write the table to an HDF5 file, which is replaced, whole or not at all.
+
+        path : of the file; `CertifiedTable.read` says what is checked when it is read. OSError if it cannot be written.
+        """
         cells = {
             "kind": self.proof.kind,
             "shape": self.shape,
@@ -542,7 +568,8 @@ class CertifiedTable(Table):
     def read(cls, head: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem) -> "CertifiedTable":
         """The table in an open file with this head, for a problem that has been read from it.
 
-        ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together.
+        ValueError, or a `TableFileError`, which is one, if file, head and problem do not fit together: the cells do not
+        cover the axes, arrays have other shapes or types, or there are bits of no cell. Nothing is proved anew.
         """
         cells = head["cells"]
         every, layers = range(problem.grid.ndim), cells.get("layers", [(0, 0)] * problem.grid.ndim)
@@ -570,7 +597,7 @@ def _product(factors: Sequence[FloatArray]) -> FloatArray:
 
 
 class CellSets:
-    """All sets S_k^n as packed blocks (rows, words), as the recursion asks for them: a `TubeSets`.
+    """All sets S_k^n as packed blocks (rows, words), as the recursion asks for them: `sdhj.solver.recursion.TubeSets`.
 
     Only two sets are whole in memory, `cells`, the S_k^n at hand, and `following`, S_{k+1}^{n-1}; of every entry only
     the rows are kept that it adds to the entry with a step less. So entries have to be computed in the order of
@@ -580,6 +607,7 @@ class CellSets:
     def __init__(self, proof: Any, progress: bool | None) -> None:
         """Prepare a proof, which takes about half of the time of a solve; no entry is filled in yet.
 
+        proof : a `sdhj.certified.images.Proof`, whose arrays are filled; ValueError as from its `prepare`.
         progress : whether to show progress bars, as for `sdhj.solve`.
         """
         counts = [axis.count for axis in proof.axes]
@@ -596,7 +624,7 @@ class CellSets:
     def extend(self, step: int, within: int) -> None:
         """Compute and keep the entry (step, within), from (step, within - 1) and (step + 1, within - 1).
 
-        (step, within - 1) must be the entry that was kept last.
+        (step, within - 1) must be the entry that was kept last, and `following` S_{k+1}^{n-2}, as `recursion` has it.
         """
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
@@ -634,7 +662,8 @@ class CellSets:
     def finish(self, details: Mapping[str, Any]) -> CertifiedTable:
         """The table of all entries, with `details` and facts about its cells; called once, as the entries are used up.
 
-        Warns where a problem without a number of steps has not settled.
+        The table of a problem without a number of steps has as many as changed a set. A warning is told where that has
+        not settled (`sdhj.problem.findings.tell`).
         """
         proof, problem = self.proof, self.proof.problem
         facts = {"parts": proof.parts, "cells": [axis.count for axis in proof.axes]} | dict(details)
@@ -661,8 +690,11 @@ class CellSets:
 def lost_cells(problem: ReachAvoidProblem, axes: Sequence[CellAxis], parts: int = 10) -> Any:
     """The cells from which the adversary surely wins, as a table whose `contains`, `bits` and `fraction` are of these.
 
-    parts : into which an interval is cut. Computed as for a controller without memory, whose images are of states; one
-        that remembers does not win from there either. ValueError and MemoryError as of `LosingProof.against`.
+    Computed as for a controller without memory, whose images are of states; one that remembers does not win from there
+    either.
+
+    axes : the cells of each axis. parts : into which an interval is cut. ValueError and MemoryError as from
+        `LosingProof.against`, and ValueError as from `LosingProof.prepare`.
     """
     problem = replace(problem, sensing=replace(problem.sensing, memory=False))
     sets = CellSets(LosingProof.against(problem, tuple(axes), parts), False)

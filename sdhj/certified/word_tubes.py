@@ -30,9 +30,13 @@ ALIKE = 1e-12  # of the largest coordinate: how far moves under all inputs may d
 
 
 class Lattice(NamedTuple):
-    """Boxes of an unsafe set: fine (d,) pieces of a cell on each of its axes, wider by `low` below and `high` above.
+    """The boxes in which an unsafe set of d axes is bounded: pieces of cells, each widened.
 
-    alike (d,) bool: the axes along which that is all that a tube is wider by than its cell.
+    axes (d) : the cells of each of the set's axes.
+    alike (d,) bool : the axes along which all tubes stick out of their cells by the same, `low` and `high`, up to
+        rounding. A box is a whole cell there, and a tube of the cell is inside the widened box.
+    fine (d,) : how many equal pieces a cell is cut into; 1 on the axes `alike`.
+    low, high (d,) : how much each box is wider than its piece, below and above.
     """
 
     axes: Sequence[CellAxis]
@@ -45,8 +49,13 @@ class Lattice(NamedTuple):
 def in_words(
     problem: ReachAvoidProblem, depends: FloatArray, cells: Sequence[CellAxis], unsafe_set: UnsafeSet, parts: int
 ) -> bool:
-    """Whether cells along the axes of an unsafe set are looked at 64 at a time: `goes_along` says that they may be, and
-    boxes of half a cell are too many to be counted. cells : of all axes.
+    """Whether cells along the axes of an unsafe set are looked at 64 at a time.
+
+    They are if `goes_along` says that they may be, and there would be more than `COUNTED` boxes of half a cell, at all
+    times together.
+
+    depends : (ndim,) bool, the axes of a place (`sdhj.certified.images.place_axes`). cells : those of each axis.
+    parts : into which an interval is cut, in each of which a moving set is bounded on its own.
     """
     axes = unsafe_set.axes
     spans = parts * problem.most_steps if unsafe_set.moving else 1
@@ -55,23 +64,38 @@ def in_words(
 
 
 def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[int]) -> bool:
-    """Whether tubes and images go along with cells on some axes: these are many, the last of all among them, no image
-    depends on them, depends (ndim,) bool, and no end is safe.
+    """Whether tubes and images are shifted with their cells along `axes`, so that 64 may be looked at at once.
+
+    They are if there are at least `LEAST_AXES` of these, the last axis of all among them, none is an axis of a place
+    and no end of the grid is safe.
+
+    depends : (ndim,) bool, the axes of a place. axes : numbers of axes, ascending, at least one.
     """
     last = axes[-1] == depends.size - 1
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
 
 
 def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
-    """Into how many pieces cells are cut, (d,), where only a share of all boxes is asked for."""
+    """Into how many pieces a cell is cut along each axis: (d,).
+
+    1 on the axes `alike` (d,) bool; on the others as many as leave about `BOXES` boxes together, but at least
+    `LEAST_PIECES` and at most `MOST_PIECES`.
+
+    axes : the cells of each of d axes. share : for how many times the set is bounded; they share this number.
+    """
     cells = share * math.prod(axis.count for axis in axes)
     pieces = int((BOXES / cells) ** (1 / max(int((~alike).sum()), 1)))
     return np.where(alike, 1, min(max(pieces, LEAST_PIECES), MOST_PIECES))
 
 
 def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray, share: int) -> Lattice:
-    """The boxes for tubes (T, parts, d, 2), where only a share of all boxes is asked for; pushed (d,), half of the
-    adversary's way: taken into the boxes where it is less than a box.
+    """The `Lattice` in which tubes are tested against an unsafe set of d axes.
+
+    axes : the cells of each of the set's axes.
+    tubes (T, parts, d, 2) : how far the lower and the upper ends of cells move in each part, under all inputs.
+    pushed (d,) : how far the disturbance and errors move states to each side. Along an axis that is not `alike`, where
+        that is less than a piece of a cell, boxes are wider by it on both sides.
+    share : as for `pieces_of`.
     """
     least, most = tubes[..., 0].min(axis=1), tubes[..., 1].max(axis=1)
     scale = np.array([axis.scale for axis in axes])
@@ -85,7 +109,15 @@ def lattice_for(axes: Sequence[CellAxis], tubes: FloatArray, pushed: FloatArray,
 def boxes_in_words(
     bounds: Bounds, unsafe_set: UnsafeSet, lattice: Lattice, margin: FloatArray, far: int, times: tuple[float, float]
 ) -> FloatArray:
-    """The boxes that may meet a set at some time, (*boxes, fine, more) uint64, as `with_margins` leaves them."""
+    """Which boxes of a lattice may meet a set at some of the times, as bits: (*boxes, fine, more) uint64.
+
+    *boxes are the numbers of boxes on all axes but the last; on the last, box fine i + m is bit i of plane m, with
+    margins as `with_margins` adds them.
+
+    bounds : of the problem that has `unsafe_set`. lattice : for the set.
+    margin (d,) : how much wider boxes are on both sides, besides what the lattice says.
+    far : how many cells the margins hold, at least (`far_beyond`). times : (from, to), s.
+    """
     low, high = [], []
     for axis, fine, below, above in zip(
         lattice.axes, lattice.fine, lattice.low + margin, lattice.high + margin, strict=True
@@ -106,7 +138,13 @@ def boxes_in_words(
 
 
 def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
-    """Planes (..., fine, W) with so many cells before and behind: those of a period, or the box at an end."""
+    """Planes (..., fine, W) of bits with `far` bits more before and behind the cells: (..., fine, more) uint64.
+
+    These bits are what is there of the next period of a periodic axis; on a bounded axis the first or the last box is
+    repeated. The margins are whole words, equally many before and behind; their bits farther out than `far` are 0.
+
+    axis : the cells of the last axis, a bit of each plane for each.
+    """
     more = 2 * -(-far // 64)
     out = np.empty((*planes.shape[:-1], planes.shape[-1] + more), np.uint64)
     wide = out.reshape(-1, *out.shape[-2:])
@@ -115,7 +153,13 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The boxes, first and last, that tubes (T, d, 2) of cell 0 overlap, both (T, d): others from `fine` i on."""
+    """The first and the last box along each axis that tubes (..., d, 2) of cell 0 overlap: two arrays (..., d) int64.
+
+    The tube of cell i overlaps those that lie `fine` i farther. 0 and 0 along the axes `alike`. On the others tubes are
+    looked up without what boxes are wider by; each overlaps at least one box.
+
+    narrow (d,) : how far a tube may stick out of these boxes on both sides, which are widened by more than that.
+    """
     pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
     first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)  # obligation 4.55
     last = lattice.fine - 1 + np.ceil((tubes[..., 1] - lattice.high - narrow) / pitch).astype(np.int64)
@@ -123,7 +167,10 @@ def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[Fl
 
 
 def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
-    """Cells before and behind a row that windows (T, d) may reach into."""
+    """How many cells before and behind a row of the last axis the windows reach into, at most.
+
+    first, last (T, d) : of `windows`, T > 0.
+    """
     fine = lattice.fine[-1]
     return 0 if lattice.alike[-1] else max(-int(first[:, -1].min() // fine), int(last[:, -1].max() // fine), 0)
 
@@ -131,9 +178,14 @@ def far_beyond(lattice: Lattice, first: FloatArray, last: FloatArray) -> int:
 def united(
     boxes: FloatArray, lattice: Lattice, first: FloatArray, last: FloatArray, some: FloatArray, axis: int
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Which of some tubes (n,) are met from which cells, alike for several: their numbers, and (*cells, W) uint64.
+    """Yield from which cells tubes overlap a box that may meet the set, once for all tubes with the same windows.
 
-    boxes : as `boxes_in_words`, united already along the axes behind `axis`.
+    (numbers of these tubes, cells as bits (n1, ..., W) uint64); each of the tubes `some` is in one of the pairs. The
+    bits are not to be modified, as those of later pairs may be made of them.
+
+    boxes : those of the lattice, as `boxes_in_words` returns them, united already along the axes behind `axis`.
+    first, last (T, d) : the windows of all tubes. some (n,) : numbers of tubes.
+    axis : the axis to unite along next, and then those before it; first of all d - 1; -1: there is none left.
     """
     if axis < 0:
         yield some, boxes
@@ -146,7 +198,12 @@ def united(
 
 
 def _along(boxes: FloatArray, lattice: Lattice, axis: int, first: int, last: int) -> FloatArray:
-    """Boxes united over a window along an axis."""
+    """For each cell along an axis whether one of the boxes of its window is set; other axes stay as they are.
+
+    boxes : those of the lattice, as for `united`, with fine n boxes along `axis`; the result has n there, or, for the
+        last axis, words of bits in place of planes. It is `boxes` itself if the window is the cell's own box.
+    first, last : of the window of cell 0.
+    """
     own, fine = lattice.axes[axis], int(lattice.fine[axis])
     if axis == len(lattice.axes) - 1:
         out = np.empty((*boxes.shape[:-2], -(-own.count // 64)), np.uint64)

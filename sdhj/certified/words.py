@@ -22,7 +22,7 @@ CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 
 
 class ProvedBatch(Batch):
-    """The answers of a certified table for M states; `margins` are computed when they are first read.
+    """The answers of a certified table for M states: a `Batch` whose `margins` are computed when they are first read.
 
     The margin of a certified input is min(steps to go of the undisturbed successor - (steps by which the input was
     judged - 1), 0); inputs of lower margins reach the target sooner. It is +inf for other inputs.
@@ -34,7 +34,10 @@ class ProvedBatch(Batch):
 
     @cached_property
     def margins(self) -> FloatArray:
-        """The margins (M, L), by where inputs lead the states without a disturbance; see the class. Computed once."""
+        """The margins (M, L), by where inputs lead the states without a disturbance, as `ProvedBatch` says.
+
+        Computed once, from `table`, which must have been set.
+        """
         ahead = np.maximum(self.steps_to_go, self.within)
         moves = self.table.problem.interval(self.step).displacements(self.states)
         rows = np.arange(len(self.states)) if len(moves) > 1 else np.zeros(len(self.states), np.int64)
@@ -48,6 +51,7 @@ def margins_of(
 
     min(steps to go of the undisturbed successor - (ahead - 1), 0); past a safe end the successor has 0 steps to go.
 
+    table : the `CertifiedTable`. step : before the last, unless no input is safe.
     ahead (M,) : the steps to go by which inputs were judged.
     safe (M, L) : bool.
     moves (R, L, ndim), rows (M,) : the successors of state m are states[m] + moves[rows[m]].
@@ -75,12 +79,14 @@ def words_of(
     """The words of cells (M, ndim) at a step, as `sdhj.kernels.words` reads them: (M, 2 + ceil(L / 32)) uint32.
 
     The inputs of a word are those proved to leave max(steps to go, within) - 1 steps; a cell that is not certified has
-    `NOTHING` and no inputs. For a `within` of `CLEAR` they are those proved to stay clear for one interval, of any
-    cell, and the steps to go are 0.
+    `NOTHING` and no inputs.
 
-    rule : which of a word's inputs is preferred; a built-in rule is asked at the cell's centre (`Rule`).
-    among : words of the same cells, whose inputs alone are asked about; None: all inputs.
-    lines : whether cells come in lines, as for `GeneralProof.inputs`.
+    table : the `CertifiedTable`. cells : indices, not checked. step : before the last if `within` is `CLEAR`.
+    within : of `CLEAR` the inputs are those proved to stay clear for one interval, of any cell, and the steps to go 0.
+    rule : which of a word's inputs is preferred: a built-in rule by its name, asked at the cell's centre; all inputs in
+        an order, of which the first proved one is taken; None: the one of least index.
+    among : words of the same cells, whose inputs alone are asked about; None: all inputs. Not used for `CLEAR`.
+    lines : whether the cells come in lines along `table.proof.along`, which takes less time.
     """
     count = len(table.problem.inputs)
     to_go = np.zeros(len(cells), np.int64) if within == CLEAR else table.fewest(cells, step)
@@ -102,7 +108,7 @@ def words_of(
 
 
 def inputs_in(words: FloatArray, count: int) -> FloatArray:
-    """The inputs that words (M, 2 + ...) uint32 list, of `count` inputs: bool (M, count)."""
+    """The inputs that words (M, 2 + ceil(count / 32)) uint32 list, of `count` inputs: bool (M, count)."""
     bits = np.ascontiguousarray(words[:, INPUTS:]).view(np.uint8)
     return np.unpackbits(bits, axis=1, count=count, bitorder="little").view(np.bool_)
 
@@ -112,10 +118,10 @@ def chosen_of(
 ) -> FloatArray:
     """The safe input that a rule prefers at the centre of each cell (M, ndim) at a step: (M,), -1 where none is safe.
 
-    ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
+    table : the `CertifiedTable`. ahead, to_go (M,) : the steps to go by which inputs were judged, and the fewest.
     safe (M, L) : bool, the safe inputs.
-    rule : a built-in rule by its name; or a tuple of all inputs, of which the first safe one is preferred; or None: the
-        safe input of least index.
+    rule : a built-in rule by its name, one of `RULES`; or a tuple of all inputs, of which the first safe one is
+        preferred; or None: the safe input of least index. Not asked where one input only is safe.
     """
     count = safe.sum(axis=1)
     chosen = np.where(count > 0, safe.argmax(axis=1), NOT_ADMISSIBLE)
@@ -144,7 +150,10 @@ def chosen_of(
 
 
 def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
-    """The input of least score for each state, of equals that of least margin: (M,). scores, margins : (M, L)."""
+    """The input of least score for each state, of equals that of least margin, of these that of least index: (M,).
+
+    scores, margins : (M, L); an input that must not be taken has the score +inf, as far as others are finite.
+    """
     least = scores.min(axis=1, keepdims=True)
     return np.where(scores == least, margins, np.inf).argmin(axis=1)
 
@@ -152,7 +161,7 @@ def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
 class Words:
     """The words of a certified table that have been asked for, a `Layer` for each step, within and rule.
 
-    Several threads may ask.
+    layers : by (start, within, rule); start is 0 where a word is one of all steps. Several threads may ask.
     """
 
     def __init__(self) -> None:
@@ -160,7 +169,7 @@ class Words:
         self.layers: dict[Any, Layer] = {}
 
     def __reduce__(self) -> Any:
-        """Copy and pickle as an object without words, as locks cannot be copied."""
+        """Copy and pickle as an object without words."""
         return Words, ()  # locks cannot be copied
 
     def look(
@@ -168,12 +177,13 @@ class Words:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
 
-        -1 where there is none. A state has the inputs of all cells within whose shell it lies, or of those among them
-        that have the fewest steps to go. Words that are not known yet are made and kept.
+        -1 where there is none, as for states off the grid. A state has the inputs of all cells within whose shell it
+        lies, or of those among them that have the fewest steps to go. Words that are not known yet are made and kept.
 
+        table : the `CertifiedTable`, always the same one.
         within : inputs are judged by the fewest steps to go, but by `within` where that is more; `CLEAR`: those that
             stay clear.
-        rule : as for `words_of`.
+        rule : which proved input is preferred, as for `sdhj.certified.words.words_of`.
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
@@ -196,7 +206,7 @@ class Layer:
     """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
-        """An empty hash table of words of `width` numbers (uint32)."""
+        """An empty hash table, for words of `width` numbers (uint32)."""
         self.lock = threading.Lock()
         self.empty(FIRST_SLOTS, width)
 
@@ -212,8 +222,8 @@ class Layer:
 
         The lock is held while words are looked up and kept, not while they are made.
 
-        table : the `CertifiedTable` of which words are made. key : (start, within, rule) of this layer.
-        most : words with more steps to go count as not certified.
+        table : the `CertifiedTable` of which words are made. key : (start, within, rule) of this layer, as for
+            `words_of`. most : words with more steps to go count as not certified.
         out : (to_go (M,), safe (M, L), chosen (M,)), overwritten; -1 where there is none.
         """
         start, within, rule = key
@@ -229,9 +239,10 @@ class Layer:
                 look_up(states, table.cells, table.proof.shell, (self.keys, self.words), within, most, out, missing[:0])
 
     def keep(self, numbers: FloatArray, made: FloatArray) -> None:
-        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room for them; `lock` is held.
+        """Keep the words `made` (n, width) of the cells with flat numbers (n,), and make room for them.
 
-        Where that takes more than `MOST_SLOTS` slots, all earlier words are forgotten.
+        The caller holds `lock`. Where that takes more than `MOST_SLOTS` slots, all earlier words are forgotten. A word
+        that is known already is replaced. n : at most half of `MOST_SLOTS`, which is not checked.
         """
         slots = self.keys.size
         while 2 * (self.used + numbers.size) > slots:

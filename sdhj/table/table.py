@@ -490,8 +490,8 @@ class LookupTable(Table):
 
         head : of the file, for the method, the details and the axes of the avoid tubes.
         stored : stored(name, dtypes, shape) returns the array "tubes", "marks", "avoid_static" or "avoid_moving", and
-            raises ValueError if it is of none of the dtypes, names in one string, or not of that shape, in which a set
-            lists allowed lengths.
+        raises ValueError if it is of none of the dtypes, names in one string, or not of that shape, in which a set
+        lists allowed lengths.
         index : (entries,) int64.
         fields : what else the class has, as keywords.
         """

@@ -74,12 +74,12 @@ def test_what_images_are_rounded_out_by():
     """Half a second at -1 +- .1 or 1 +- .1 m/s moves both ends by .45 to .55 m, either way."""
     widths = np.array([0.05, 0.3, 0.25])  # nine cells; one of .3 m; one of .25 m
     line = line_of(0.9)
-    found = rounded_out(line, 0, widths, speeds_of(line).ways)
+    found = rounded_out(line, 0, widths, speeds_of(line).displacements)
     assert found == pytest.approx([0.0, 0.15 * 0.45 / 0.3, 0.2 * 0.45 / 0.25])  # and so many times as many steps
     rates, speeds = np.array([1.5, 0.5, 3.0]), speeds_of(line)
     lost = lost_to(line, 0, rates, aligned_choices(line, 0, [160]), speeds)
     assert lost == pytest.approx([2 * 0.05])
-    nowhere = rounded_out(line, 0, np.array([0.46]), speeds.ways)[0]  # wider than a step is long
+    nowhere = rounded_out(line, 0, np.array([0.46]), speeds.displacements)[0]  # wider than a step is long
     assert nowhere == pytest.approx(SLOWED * 0.45)
 
 
@@ -93,7 +93,7 @@ def test_what_no_input_moves_is_rounded_out_on_both_sides():
         0.5,
         2,
     )
-    found = rounded_out(pursued, 1, np.array([0.1, 0.12]), speeds_of(pursued).ways)
+    found = rounded_out(pursued, 1, np.array([0.1, 0.12]), speeds_of(pursued).displacements)
     assert found == pytest.approx([0.08, 0.0])
 
 
@@ -109,13 +109,13 @@ def test_of_many_directions_the_best_in_whole_cells_counts():
         0.3,
         9,
     )
-    ways, width = speeds_of(ferry).ways, 0.29
-    cells = np.floor(0.3 * moves[:, None] * np.sign(ways.drawn) / width + 1e-9) * width  # towards each way, in cells
-    whole = 0.3 * moves[:, None] * np.sign(ways.drawn)
-    away = np.abs(ways.drawn)
+    displaced, width = speeds_of(ferry).displacements, 0.29
+    cells = np.floor(0.3 * moves[:, None] * np.sign(displaced.directions) / width + 1e-9) * width  # in whole cells
+    whole = 0.3 * moves[:, None] * np.sign(displaced.directions)
+    away = np.abs(displaced.directions)
     most, reached = ((away * one).sum(axis=2).max(axis=0) for one in (whole, cells))
     expected = (away[:, 0] ** 2 * (most - reached) * most / reached).sum() / away[:, 0].sum()
-    assert rounded_out(ferry, 0, np.array([width]), ways)[0] == pytest.approx(expected)
+    assert rounded_out(ferry, 0, np.array([width]), displaced)[0] == pytest.approx(expected)
 
 
 def test_what_turns_back_and_forth_does_not_grow():

@@ -39,20 +39,27 @@ MARKED_STEPS = 64  # a bit for each in `steps_blocked`
 class ArmProof(Proof):
     """The images of an arm's cells over one interval, for the recursion and for questions about states.
 
-    The axes are the two joint angles and the agent's coordinates x and y. Sets of cells are packed: a row for each pair
-    of cells of the joints, in it a bit for each pair of cells of the agent.
+    The axes are the two joint angles and the coordinates x and y of the agent: the pursuer or the evader whose position
+    is in the state. Sets of cells are packed: a row for each pair of cells of the joints, in it a bit for each pair of
+    cells of the agent. Made by `of`, or read by `load`.
 
     Attributes
     ----------
     motion : ArmMotion
-        Images, tubes and where the arm is clear of the known obstacles; the fastest input has `parts` parts of an
-        interval.
+        Images, tubes and where the arm is clear of the known obstacles; under the fastest input an interval has
+        `Proof.parts` parts, under others fewer.
+    kind : str
+        "arm", by which a file names this class.
+    rows : int
+        2: the joints number the blocks (`Proof.rows`).
+    time_invariant : bool
+        False, as a set is kept for each start.
     """
 
-    motion: ArmMotion  # its parts of an interval are `parts` under the fastest input
+    motion: ArmMotion
     kind = "arm"
     rows = 2
-    time_invariant = False  # a set is kept for each start
+    time_invariant = False
 
     @classmethod
     def of(
@@ -60,12 +67,14 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof of an arm's problem, with all that depends on no set.
 
+        problem : of `sdhj.arm.case_studies`.
+        axes : the cells of each of the four axes.
         parts : into which an interval is cut under the fastest input; under slower ones into fewer.
-        allowed : (steps, L, n1, n2) bool, from where the arm is clear of the known obstacles; None:
+        allowed : (steps, L, n1, n2) bool, from which cells of the joints the arm is clear of the known obstacles; None:
             computed (`clear_of_obstacles`).
 
-        ValueError for arms, speeds or numbers of steps that are too large, MemoryError where it does not fit into
-        memory.
+        ValueError for lengths or speeds beyond `LONGEST` and for more than `MARKED_STEPS` steps, MemoryError where it
+        does not fit into memory.
         """
         stage, count = scene(problem), len(problem.inputs)
         arm, (x, y), length = arm_numbers(stage), axes[2:], problem.sensing.hold(problem.delta)[0]
@@ -111,9 +120,9 @@ class ArmProof(Proof):
 
     @staticmethod
     def needs(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> int:
-        """The bytes that a solve with the cells `axes` takes at most, without the sets that it finds.
+        """The bytes that a solve takes at most, without the sets that it finds; an estimate from above.
 
-        parts : into which an interval is cut under the fastest input.
+        axes : the cells of each axis. parts : into which an interval is cut under the fastest input.
         """
         count, (n1, n2, nx, ny) = len(problem.inputs), (axis.count for axis in axes)
         # where each input is clear, of obstacles and of the agent; two sets, scratch; its motion
@@ -122,7 +131,7 @@ class ArmProof(Proof):
 
     @property
     def peak(self) -> int:
-        """The bytes that a solve takes at most, without the sets that it finds."""
+        """The bytes that a solve takes at most, without the sets that it finds; estimated by `needs`."""
         return self.needs(self.problem, self.axes, self.parts)
 
     @property
@@ -138,13 +147,14 @@ class ArmProof(Proof):
 
     @property
     def depends(self) -> FloatArray:
-        """Which axes the image along each axis depends on, bool (4, 4): on this axis alone."""
+        """depends[i, k], bool (4, 4): whether the image along axis i varies with the index along axis k: if i = k."""
         return read_only(np.eye(4, dtype=np.bool_))
 
     def image(self, some: FloatArray, inputs: Any, step: int) -> Ends:
         """The first and the last cell, each (M, 4), of the images of cells `some` (M, 4) under inputs.
 
-        The last cell of a periodic axis may lie past its end. inputs : (M,) indices, or one for all. step : not used.
+        On a periodic axis the last cell may lie past the end. inputs : (M,) indices, or one index for all the cells.
+        step : not used.
         """
         at = np.arange(some.shape[-1]), np.asarray(inputs)[..., None], some
         return self.motion.first[at], self.motion.first[at] + self.motion.number[at] - 1
@@ -164,7 +174,12 @@ class ArmProof(Proof):
         An input is certified if the arm stays clear and all of the cell is led into the set with ahead[m] - 1 steps to
         go.
 
-        ahead (M,), sets, pool, among : as for `GeneralProof.inputs`. lines : not used.
+        ahead (M,) : the steps to go; 0: no input is certified.
+        step : when the interval begins.
+        sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
+            staying clear is enough.
+        among : (M, L) bool, the inputs that are asked about; False for all others.
+        lines : not used.
         """
         out = among.copy()
         arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
@@ -172,20 +187,25 @@ class ArmProof(Proof):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The proof's part of a file's head: the parts of an interval."""
+        """The proof's part of a file's head, which `load` is handed again: {"parts": the parts of an interval}."""
         return {"parts": self.parts}
 
     def save(self, file: h5py.File) -> None:
-        """Write to an open file from where the arm clears the known obstacles; all else is quickly computed again."""
+        """Write `motion.allowed` to an open HDF5 file as the data set "allowed", bits in bytes, the lowest first.
+
+        All else is quickly computed again.
+        """
         file.create_dataset("allowed", data=np.packbits(self.motion.allowed, bitorder="little"), compression="gzip")
 
     @classmethod
     def load(
         cls, stated: Mapping[str, Any], file: h5py.File, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...]
     ) -> "ArmProof":
-        """The proof that `save` wrote to a file, with what `stated` said in the head.
+        """The proof that `save` wrote to an open file.
 
-        ValueError where it does not fit the problem and its cells; ValueError and MemoryError as of `of`.
+        stated : what `ArmProof.stated` was. axes : the cells of each axis. ValueError where the parts, or the size or
+        the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
+        `ArmProof.of`. The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
         packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
@@ -196,9 +216,9 @@ class ArmProof(Proof):
     # ---- the recursion; sets are (n1 * n2, W) uint64
 
     def prepare(self, progress: bool | None) -> list[FloatArray]:
-        """The cells from which the agent cannot touch the arm in an interval, for each input: (n1, n2, W) uint64 each.
+        """The cells from which the agent cannot touch the arm in an interval: a list of (n1, n2, W) uint64, by input.
 
-        All cells where the agent does not pursue the arm. progress : whether to show a bar, as for `sdhj.solve`.
+        All cells if the agent is an evader. progress : whether to show a bar, as for `sdhj.solve`.
         """
         motion, clear = self.motion, []
         for j in tqdm(range(motion.parts.size), desc="intervals", leave=False, disable=hidden(progress)):
@@ -213,7 +233,7 @@ class ArmProof(Proof):
     def add(self, clear: Any, cells: FloatArray, following: FloatArray, step: int, changed: Any = None) -> None:
         """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place: add those that an input leads into `following`.
 
-        Sets are (n1 n2, W) uint64.
+        Of these inputs, the arm has to stay clear of the obstacles and of the agent. Sets are (n1 n2, W) uint64.
 
         clear : what `prepare` returned.
         following : S_{k+1}^{n-1}.
@@ -231,7 +251,11 @@ class ArmProof(Proof):
                 add_certified(scratch.reshape(self.shape), *second, allowed, clear[j], out)
 
     def goal(self, step: int) -> FloatArray:
-        """S_k^0 for k = step, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k."""
+        """S_k^0 for k = step, (n1 n2, W) uint64: cells inside the target and outside the unsafe sets at t_k.
+
+        From every state whose prediction is in the cell. Inside the target means that the tip is over the evader or, if
+        the agent is a pursuer, over the target's disk.
+        """
         motion, t, stage = self.motion, self.problem.time(step), scene(self.problem)
         out, inside = np.empty(self.shape, np.uint64), np.empty((*self.shape[:2], 1), np.uint64)
         still = read_only([joint_moves(_may_be(self.problem, self.axes, axis), 0.0, 0.0, 0.0, 1) for axis in (0, 1)])
@@ -249,7 +273,7 @@ class ArmProof(Proof):
 
 
 def arm_numbers(stage: ArmScene) -> FloatArray:
-    """(l1, l2, turn): the tip is at l1 e(q1) + l2 e(turn q1 + q2), where e(a) = (cos a, sin a).
+    """(l1, l2, turn), (3,): the tip is at l1 e(q1) + l2 e(turn q1 + q2), m, where e(a) = (cos a, sin a).
 
     turn is 1 for relative joint angles, and 0 for Eq. (8) as printed, where l2 is the sum of both lengths
     (`Arm.joints`).
@@ -259,7 +283,10 @@ def arm_numbers(stage: ArmScene) -> FloatArray:
 
 
 def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> FloatArray:
-    """Least and greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2)."""
+    """The least and the greatest coordinate of a state whose prediction is in each of the n cells of an axis: (n, 2).
+
+    axes : the cells of all axes. axis : the number of one.
+    """
     edges, off = axes[axis].edges(), float(unknown(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
@@ -269,11 +296,13 @@ def clear_of_obstacles(
 ) -> FloatArray:
     """Whether the arm stays clear of the known obstacles from each cell of the joints: (steps, L, n1, n2) bool.
 
-    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell.
+    For every time of an interval of length `delta`, s, from every state whose prediction is in the cell. True of cells
+    where that is proved; without obstacles of all.
 
-    times (2^(h + 1) + 1, steps) : the times that cut each step's interval evenly; the interval is halved h times at
-        most.
-    velocities (2, L, 2) : of both joints under each input, the least and the greatest.
+    axes : the cells of all axes.
+    times (2^(h + 1) + 1, steps) : the times, s, that cut each step's interval evenly; to find the proof it is halved h
+        times at most.
+    velocities (2, L, 2) : of both joints under each input, the least and the greatest, rad/s.
     """
     stage, jitter = scene(problem), problem.sensing.jitter
     out = np.ones((times.shape[1], velocities.shape[1], axes[0].count, axes[1].count), np.bool_)
@@ -294,8 +323,10 @@ def packed_window(first: FloatArray, number: FloatArray, agent: Agent) -> tuple[
 
     shifts (2, offsets) int64 : how many bits away the neighbours at all offsets are, along x and along y.
     passes (2, offsets, W) uint64 : the cells that do not need the neighbour at an offset, as it is not in their image.
-    first, number (2, n) : the images of the agent's cells along x and along y, of `CellAxis.image`. ValueError where an
-        agent cannot stay where it is.
+
+    first, number (2, n) : the images of the agent's cells along x and along y, as `CellAxis.image` returns them; what
+        is past nx and ny cells is not used. ValueError if the agent cannot stay where it is, as its drift is larger
+        than its speed.
     """
     cells = np.stack(np.divmod(np.arange(agent.nx * agent.ny), agent.ny))
     low = np.take_along_axis(first, cells, axis=1) - cells

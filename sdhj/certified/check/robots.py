@@ -175,7 +175,8 @@ class Robot(Sets):
         several = max(boxes, min(boxes * inputs, BOXES_AT_ONCE))
         swept = several * (16 * ndim * parts + 32) + min(several, BOXES_AT_ONCE) * 16 * ndim * (parts + 15)
         of_a_set = cells * (7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
-        if worth_while(counts, flags, inputs, [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]):
+        unsafe = [one["axes"] for one in head["sets"] if one["kind"] == "unsafe"]
+        if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
             # of each input what is packed of cells, and of some boxes; of sets, too
             alike = places == 1 and "normals" not in head["proof"]
             of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
