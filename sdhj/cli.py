@@ -124,9 +124,9 @@ def plainly(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def numbers(option: str, text: str, kind: type = float) -> list[Any]:
-    """The numbers, of type `kind`, of a text in which commas separate them; at least one.
+    """The numbers in a text, separated by commas, in their order: at least one, each made by `kind`.
 
-    ValueError, which names the option, without dashes, if the text has anything else.
+    option : the name of the option for the message, without dashes. ValueError if the text has anything else.
     """
     try:
         return [kind(part) for part in text.split(",")]
@@ -277,8 +277,11 @@ def info(table: Path) -> None:
 def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) -> list[str]:
     """The dynamics under the first input, and the level-set function of each set, as lines of text.
 
-    head : of a table, as `checked_head` returns it. arrays : what its formulas look up, by name, of `arrays_in` or
-        `functions_of`. Black boxes are left out.
+    Black boxes are left out.
+
+    head : the head of the table's file, as `sdhj.table.files.checked_head` returns it.
+    arrays : the arrays that its formulas look up, by name, as `sdhj.table.files.arrays_in` (a file) or
+        `sdhj.table.store.functions_of` (a store) returns them.
     """
     found, grid = formulas_in(head, tables_of(arrays)), head["grid"]
     bounds, velocity = found["bounds"].entries[0], list[Node]()
@@ -339,9 +342,9 @@ def checked(table: Path, problem: str | None, samples: int = 0, seed: int = 0, e
 
     problem : "module:name" or "file.py:name", needed for black boxes; it is compared with the file's.
     samples : how many cells, drawn by `seed`, are checked; 0: all.
-    exported : the path of an sdhj_table.bin.
+    exported : the path of an sdhj_table.bin that was written from this table; None: none is checked.
 
-    ValueError if the table is not certified; otherwise the errors of `load`.
+    ValueError if the table is not certified; otherwise the errors of `sdhj.load`.
     """
     if header(table)["method"] != "certified":
         how = 'solve(problem, "certified") makes a table with one, and so does `sdhj solve --method certified`'

@@ -38,9 +38,9 @@ from sdhj.table.store import (
     Store,
     StoredTable,
     create,
-    free_name,
     load_stored,
     opened_store,
+    require_free_name,
     warn_of_disk,
 )
 
@@ -65,29 +65,30 @@ def solve_stored(
 
     resume : whether a store that is there already goes on from its finished slabs, which are first read and compared
         with its ledger; without it a name that exists is an error.
-    operations : a solve that would take more is refused.
-    problem, progress, client, memory : as for `sdhj.solve`, as are all errors.
+    operations : a solve that would take more operations (`sdhj.problem.cost`) is refused with ValueError.
+    problem, progress, client, memory : the arguments of `sdhj.solve`, which also lists the errors raised.
     """
     if not isinstance(path, str | os.PathLike):
         raise ValueError(f"store must be the name of a folder, got {reprlib.repr(path)}")
     started, path = time.perf_counter(), Path(os.path.abspath(path))
-    method = storable(problem, asked, resume, client)
+    method = storable_method(problem, asked, resume, client)
     with announced(progress), Meter(method.name, hidden(progress), operations) as meter:
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
             plan = planned(problem, method, cut_of(store, head, method))
             store.check(list(store.entered))
         else:
-            free_name(path)
+            require_free_name(path)
             plan = planned(problem, method, room=slab_memory(memory, client))
         begin(partial(cost_on_grid, plan, PROCESS + task_bytes(plan), plan.layout.nbytes))
         if not again:
             warn_of_disk(path, plan.layout.nbytes)
             store = Store(path, plan.layout, create(path, head_of(plan, method), arrays_of(problem), plan.layout))
 
-        def slabs_done(number: int) -> None:  # here the games tell, more often
-            """Move the progress bar by so many slabs of a tube if a client's workers do them; else nothing, as the
-            games tell.
+        def slabs_done(number: int) -> None:
+            """Move the progress bar on by `number` slabs of a tube; without a client do nothing.
+
+            There the games themselves move it.
             """
             if client is not None:
                 meter.tick(number * meter.each / plan.layout.slabs)
@@ -101,17 +102,19 @@ def solve_stored(
 
 
 def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iterator[Any]]:
-    """A function that does tasks of a plan and yields, in any order, what `work` returns of each.
+    """A function of a list of tasks that does them and yields, in any order, what `work` returns for each.
 
-    Without a client (None) they are done here, one after the other. A Dask client's workers do them at the same time:
-    tasks and digests go through Dask's scheduler, arrays through the store, which every worker has to see under one
-    path. A worker that dies leaves no line in the ledger, and what it had in hand goes to another.
+    Results are written to `store`. Without a client (None) tasks are done in this process, one after the other, as the
+    results are asked for. With a Dask client its workers do them at the same time: tasks and digests go through Dask's
+    scheduler, arrays through the store, which every worker has to see under the same path. A worker that dies leaves no
+    line in the store's ledger, and another worker gets its task.
     """
 
     def shared_out(tasks: list[Task]) -> Iterator[Any]:
-        """Have the workers of the Dask client do tasks, and yield what `work` returns of each.
+        """Have the workers of the Dask client do tasks, and yield what `work` returns for each, the first done first.
 
-        An error gets a note on how to go on; whatever happens, tasks that are not done are cancelled at the end.
+        An error of a worker is raised here, with a note on how to go on. At the end, after an error too, the tasks that
+        are not done are cancelled.
         """
         futures = [client.submit(work_alone, plan, store, task, pure=False) for task in tasks]
         try:
@@ -128,12 +131,15 @@ def runner(plan: Plan, store: Store, client: Any) -> Callable[[list[Task]], Iter
 
 
 def work_alone(plan: Plan, store: Store, task: Task) -> Any:
-    """`work`, in a worker of a Dask client: threads of one process wait for each other, as memory is for one slab."""
+    """As `sdhj.solver.recursion.work`, in a worker of a Dask client: one task of a process at a time.
+
+    Its other threads wait, as `memory` is planned for one slab.
+    """
     with ONE_AT_A_TIME:
         return work(plan, store, task)
 
 
-def storable(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
+def storable_method(problem: ReachAvoidProblem, method: Method, resume: Any, client: Any) -> HJI | HopfLax:
     """The method itself, if it and the problem can be solved into a store.
 
     ValueError for methods other than `HJI` and `HopfLax`, for joint games, and for problems with steps=None, a
@@ -179,11 +185,13 @@ def planned(
     """The plan of a solve into a store: along which axis the grid is cut, how wide slabs are, and how wide their halos.
 
     The axis is the one whose halo is the smallest share of it, and slabs are as wide as `room`, in bytes, lets them be.
-    Where there are three axes or more none of the last two is cut: on those a slab's nodes would come to lie in the
-    vector loops of the kernels otherwise than those of the whole grid. Warns where the grid is too coarse; with several
-    slabs the problem forgets its samples of the whole grid.
+    Where there are three axes or more none of the last two is cut: slabs of those would be rounded otherwise than the
+    whole grid. Warns where the grid is too coarse. With several slabs the problem forgets the samples of its functions
+    on the whole grid.
 
+    method : by which the problem is solved; the halo depends on it.
     cut : (axis, width) of a store that was begun before, which is kept whatever `room` says; None: to be chosen.
+    room : bytes that a slab may take.
 
     MemoryError if a slab of one node takes more than `room`, or a slab more than is free.
     """
@@ -240,7 +248,11 @@ def task_bytes(plan: Plan) -> int:
 
 
 def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
-    """The head of a store, plain values as JSON gives them back: problem, method with options, and the cut."""
+    """The head of a new store: problem, method with options, and how the grid is cut, as JSON gives it back.
+
+    It differs from that of a file in having no details of the solve, and the entries "store", "options", "dtype", "cut"
+    and "avoid_axes".
+    """
     head = head_of_table(plan.problem, method.name, {}, plan.problem.digest) | {
         "store": STORE_FORMAT,
         "options": method.options,
@@ -252,9 +264,12 @@ def head_of(plan: Plan, method: HJI | HopfLax) -> dict[str, Any]:
 
 
 def cut_of(store: Store, head: dict[str, Any], method: HJI | HopfLax) -> tuple[int, int]:
-    """(axis, width) by which a store is cut, for going on with it.
+    """The axis along which a store is cut, and how many nodes a slab has along it, to go on with the store.
 
-    head : the store's. TableFileError where another version of sdhj, or another method or option, has begun the store.
+    head : the store's, as `sdhj.table.store.head_of_store` returns it.
+    method : of the solve that goes on.
+
+    TableFileError if another version of sdhj, another method or other options have begun the store.
     """
     if (its := head["sdhj_version"]) != VERSION:
         raise TableFileError(

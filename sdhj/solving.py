@@ -217,8 +217,8 @@ def _require_problem(problem: Any) -> None:
 def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
     """A copy of the table as users get it: with a `player`, which simulates its runs, and with what `resolve` needs.
 
-    A LookupTable keeps the method and, if `former` says what was taken over from an earlier table, the avoid tubes and
-    the solutions of the PDE (`Kept`).
+    Only a `LookupTable` has the latter (`Kept`): the method and, if `former` is given, the avoid tubes of each set and
+    the solutions of the PDE that it has collected in this solve.
     """
     kept = Kept(method, former.each, former.still) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
@@ -226,11 +226,11 @@ def _handed_out(table: Table, method: Method, former: Former | None = None) -> T
 
 
 def _simulated_at_the_end(table: Table) -> dict[str, Any]:
-    """Simulate runs of a solved table, warn of broken promises, and return the counts for its details.
+    """Simulate runs of a solved table, warn of broken promises, and return {"played": counts} for its details.
 
-    {} for a certified table, of which it is only warned if next to nothing is certified. Whatever the runs raise,
-    Ctrl-C too, becomes a warning and {}, so that the table is not lost; a warning that the caller has made an error is
-    raised.
+    {} for a certified table, of which no runs are simulated; a warning says if next to nothing is certified. Whatever
+    the runs raise, Ctrl-C too, becomes a warning, and {} is returned, so that the table is not lost. Only a warning
+    that the caller has turned into an error is raised.
     """
     try:
         if isinstance(table, CertifiedTable):
@@ -286,9 +286,14 @@ def _filled(
 ) -> TubeSets:
     """The sets of a method, with all tubes computed by the recursion; with steps=None, those before Ctrl-C.
 
-    Shows a progress bar, warns of what is wrong with sets, and takes over from `former` what need not be computed.
-    ValueError above `most` operations, MemoryError where it does not fit. Ctrl-C with a number of steps, or before the
-    first tube, is raised.
+    Warns of what is wrong with unsafe sets and targets. Ctrl-C with a number of steps, or before the first tube, is
+    raised.
+
+    progress : whether to show a progress bar; None: if standard error is a terminal.
+    most : the operations that the solve may take (`sdhj.problem.cost`), else ValueError.
+    former : an earlier solve, from which what cannot differ is taken; only for methods "hji" and "lax".
+
+    MemoryError where it does not fit into memory.
     """
     steps, endless = problem.most_steps, problem.steps is None
     with Meter(method.name, hidden(progress), most) as meter:

@@ -46,10 +46,11 @@ class ArmScene:
     obstacles : tuple of Disk
         OBS(t), which move on given paths.
     agent : {"pursuer", "evader"}
-        What the adversary moves: a disk about (px, py).
+        Which of the two the adversary moves: a disk about (px, py), the last two coordinates of the state.
     agent_radius : float
+        The radius of that disk, m.
     agent_box : float
-        The agent's centre stays in [-agent_box, agent_box]^2.
+        The centre of that disk stays in [-agent_box, agent_box]^2, m.
     target : Disk or None
         TAR(t); None where the evader is the target.
     """
@@ -64,14 +65,19 @@ class ArmScene:
     def obstacles_value(self, q: FloatArray, t: float) -> FloatArray:
         """Signed distance of the thick arm to the nearest obstacle's disk at time t: (M,), m; < 0 where they overlap.
 
-        q : (M, 2), joint angles, rad.
+        There must be an obstacle, or ValueError.
+
+        q : (M, 2), joint angles, rad. t : s.
         """
         return np.min([self.arm.distance(q, disk.centre(t)) - self._contact(disk) for disk in self.obstacles], axis=0)
 
     def obstacles_swept_value(self, q: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), exactly: (M,), m.
+        """The least of `obstacles_value` over all times in [t0, t1] (Sec. 5.4), up to rounding: (M,), m.
 
-        q : (M, 2), joint angles, rad.
+        It is computed from the way that each obstacle takes, not from samples. There must be an obstacle, or
+        ValueError; and t0 <= t1, which is not checked.
+
+        q : (M, 2), joint angles, rad. t0, t1 : s.
         """
         distances = [self.arm.swept_distance(q, disk.path, t0, t1) for disk in self.obstacles]
         return np.min([d - self._contact(disk) for d, disk in zip(distances, self.obstacles, strict=True)], axis=0)
@@ -79,7 +85,7 @@ class ArmScene:
     def pursuer_value(self, states: FloatArray, t: float) -> FloatArray:
         """Signed distance of the thick arm to the pursuer's disk in states (M, 4): (M,), m; < 0 where they overlap.
 
-        It is the same at any time t.
+        t : ignored, as the pursuer's position is in the state.
         """
         return self.arm.distance(states[:, :2], states[:, 2:]) - (self.agent_radius + self.arm.half_width)
 
@@ -94,7 +100,7 @@ class ArmScene:
     def evader_value(self, states: FloatArray, t: float) -> FloatArray:
         """Distance of the end-effector to the evader's centre in states (M, 4), less its radius: (M,), m.
 
-        It is the same at any time t.
+        t : ignored, as the evader's position is in the state.
         """
         return np.hypot(*(self.arm.tip(states[:, :2]) - states[:, 2:]).T) - self.agent_radius
 
@@ -243,9 +249,11 @@ BUILDERS: dict[str, Callable[..., Any]] = {"arm_case_study": arm_case_study, "ev
 
 
 def rebuild(recipe: Mapping[str, Any]) -> ReachAvoidProblem:
-    """Build the problem that has this `recipe`, by the builder that it names: `problem.recipe`, also from a file.
+    """Build the problem that has this recipe, by the case study that the recipe names.
 
-    ValueError for a recipe that is not one of this version.
+    recipe : `problem.recipe` of a case study's problem, also from a file: {"builder": "arm_case_study" or
+        "evader_case_study", "arguments": all of its arguments, by name}. ValueError unless it has just these arguments
+        in this version, or if a value does not fit.
     """
     given = _checked_recipe(recipe)
     return BUILDERS[given["builder"]](**given["arguments"])
@@ -275,7 +283,11 @@ def _checked_recipe(recipe: Mapping[str, Any]) -> Mapping[str, Any]:
 def _recipe(builder: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """{"builder": its name, "arguments": all arguments by name}, as plain numbers, lists and strings (JSON).
 
-    Numbers of nodes are written out for each axis. ValueError, naming the argument, where one does not fit.
+    Numbers of nodes are written out for each axis.
+
+    builder : "arm_case_study" or "evader_case_study".
+    given : the arguments that it was called with, by name, all of them. ValueError, naming the argument, where one does
+        not fit; "view_time" and "kinematics" are checked later.
     """
     plain: dict[str, Any] = {}
     for name, value in given.items():
@@ -313,7 +325,7 @@ def _agent(recipe: Mapping[str, Any]) -> str:
 
 
 def _scene(recipe: Mapping[str, Any]) -> ArmScene:
-    """The workspace that a recipe describes, which has been checked."""
+    """The workspace that a recipe of `_checked_recipe` describes; a target only if the adversary moves a pursuer."""
     given, agent = recipe["arguments"], _agent(recipe)
     return ArmScene(
         arm=Arm(given["lengths"], given["half_width"], given["kinematics"]),
@@ -329,7 +341,8 @@ def _scene(recipe: Mapping[str, Any]) -> ArmScene:
 def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
     """The target and the unsafe sets of a workspace; cached, so that problems of one workspace share them.
 
-    The obstacles are G1 of App. A.3, the pursuer is G2; without obstacles there is no set of them.
+    The unsafe sets are the obstacles (G1 of App. A.3), if there are any, and the pursuer (G2). Where the adversary
+    moves an evader, the evader is the target, and there is no pursuer.
     """
     unsafe = list[UnsafeSet]()
     if scene.obstacles:
@@ -343,7 +356,8 @@ def _sets(scene: ArmScene) -> tuple[TargetSet, tuple[UnsafeSet, ...]]:
 def _problem(recipe: Mapping[str, Any], target: TargetSet, unsafe: tuple[UnsafeSet, ...]) -> ReachAvoidProblem:
     """The problem of a recipe with this target and these unsafe sets.
 
-    Its grid has walls for the agent, and its dynamics are dq = u + v_d, dp = v_agent (Eq. 9 and 10).
+    The pursuer or evader, whose position p is in the state, is kept in its box by walls of the grid. The dynamics are
+    dq = u + v_d and dp = v_p, the velocity of the pursuer or evader (Eq. 9 and 10).
     """
     given, agent = recipe["arguments"], _agent(recipe)
     box, speed = given[f"{agent}_box"], given[f"v_{agent[0]}_max"]

@@ -162,14 +162,14 @@ class Circle(_Path):
     def swept_distance(self, segment: Segment, t0: float, t1: float) -> FloatArray:
         """Least distance (...) from the segments to the point over [t0, t1]: to the arc that it traces.
 
-        A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
-        minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are where
-        the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays outside,
-        and at ends of the segment. `half_chord` is half the chord that the circle cuts from the segment's line (0 where
-        it cuts none), so foot - half_chord and foot + half_chord, clipped to the segment, are all of them: an end
-        inside the circle lies between the two, an end outside that is a minimum has both beyond it. Each candidate is
-        the distance between two points that exist, so the answer is too small by rounding at most.
+        It is too small by rounding at most, as it is the distance between a point of the segment and one of the arc.
         """
+        # A nearest pair either has an end of the arc in it, or is radial: the point of the segment then stands at a
+        # minimum of | distance from the centre - radius | along the segment, and the arc faces it. Such minima are
+        # where the segment crosses the circle, at the foot of the perpendicular from the centre where the line stays
+        # outside, and at ends of the segment. `half_chord` is half the chord that the circle cuts from the segment's
+        # line (0 where it cuts none), so foot - half_chord and foot + half_chord, clipped to the segment, are all of
+        # them: an end inside the circle lies between the two, an end outside that is a minimum has both beyond it.
         foot, left = segment.coordinates(np.array(self.centre))
         half_chord = np.sqrt(np.maximum(self.radius**2 - np.square(left), 0.0))
         first = self.rate * (t0 if self.rate >= 0.0 else t1) + self.phase
@@ -297,8 +297,9 @@ class Arm:
     def swept_distance(self, q: FloatArray, path: Path, t0: float, t1: float) -> FloatArray:
         """Distance from the skeleton at q (M, 2) to the trace of a point on `path` during [t0, t1]: (M,), m.
 
-        It is the infimum over all times, not over samples (Sec. 6.2.1), and exact up to rounding for every `path`. t1
-        must not be before t0, s, which is not checked.
+        It is the infimum over all times, not over samples (Sec. 6.2.1), up to rounding.
+
+        path : a `Still`, `Line` or `Circle`. t0, t1 : s, with t0 <= t1, which is not checked.
         """
         upper, lower = self.links(q)
         return np.minimum(path.swept_distance(upper, t0, t1), path.swept_distance(lower, t0, t1))
@@ -306,9 +307,11 @@ class Arm:
     def outline(self, q: Sequence[float] | FloatArray, arc_points: int = 12) -> FloatArray:
         """Outline of the region R(q) that the arm occupies at joint angles q (2,), rad, for drawing: (V, 2), m.
 
-        It is a closed polygon, whose last point is its first, with the base at the origin. arc_points : points on each
-        quarter of a circle; the polygon is inside the true shape by less than half_width * (pi / (4 * arc_points))**2.
-        An arm of half_width 0 is the line to the tip and back. ImportError without Shapely.
+        It is a closed polygon, whose last point is its first, with the base at the origin. It lies inside the true
+        outline, by less than half_width * (pi / (4 * arc_points))**2. For half_width 0 it is the line to the tip and
+        back. ImportError without Shapely.
+
+        arc_points : points on each quarter of a circle, at least 1.
         """
         try:
             from shapely import LineString  # only drawing needs it

@@ -147,6 +147,7 @@ def save(figure: Figure, folder: Named, name: str, formats: Sequence[str] = ("pd
     folder : path
         It is made where it does not exist.
     name : str
+        Of the files, without an ending.
     formats : sequence of {"pdf", "svg", "png"}
 
     Returns

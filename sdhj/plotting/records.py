@@ -16,7 +16,7 @@ def draw_records(ax: Axes, found: RecordedBounds, component: int = 0) -> None:
     found : RecordedBounds
         What `sdhj.bounds_from_records` returns.
     component : int
-        Of v.
+        Which component of v, from 0 on.
 
     Examples
     --------

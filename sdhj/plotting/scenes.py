@@ -50,10 +50,11 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
 
 
 def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) -> None:
-    """Draw faint outlines of a moving disk at `times` (K,), s, and the path of its centre, dotted.
+    """Draw faint outlines of a moving disk at some times, and the path of its centre from first to last, dotted.
 
-    looks : their colour is its "edgecolor". gid : the identifier of each outline. The path goes from the first time to
-        the last.
+    times : (K,), s, at least one.
+    looks : Matplotlib's keywords for the disk, of which only "edgecolor" is used, for both.
+    gid : the identifier of each outline.
     """
     plain: Looks = {"facecolor": "none", "edgecolor": looks["edgecolor"], "linewidth": 0.5, "alpha": 0.55}
     for t in times:
@@ -65,7 +66,7 @@ def draw_trail(ax: Axes, disk: Disk, times: FloatArray, looks: Looks, gid: str) 
 def draw_workspace(
     ax: Axes, scene: ArmScene, *, state: State | None = None, time: float = 0.0, trail: FloatArray | None = None
 ) -> None:
-    """Draw obstacles (red, hatched) and target (blue) at a time, and arm and agent in a state (Fig. 9a).
+    """Draw obstacles (red, hatched) and target (blue) at a time, and arm and pursuer or evader in a state (Fig. 9a).
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def draw_workspace(
     scene : ArmScene
         `sdhj.arm.case_studies.scene(problem)`, of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
     state : (4,) array, optional
-        Joint angles, rad, and the agent's place, m; by default arm and agent are left out.
+        Joint angles, rad, and the position of the pursuer or evader, m; by default these and the arm are left out.
     time : float
         s
     trail : (K,) array, optional

@@ -300,10 +300,12 @@ def draw_tubes(
 
 
 def unwrapped(grid: Grid, states: FloatArray, axes: Sequence[int] = (0, 1)) -> FloatArray:
-    """The path of states (T, ndim) on a slice, (R, 2), without jumps, once for each lap around periodic axes.
+    """The path of states on a slice, without jumps, once for each lap around periodic axes: points (R, 2).
 
-    axes : the two axes of the slice. Rows of NaN stand between the laps, so that a line breaks there. The part of each
-        lap in the frame of the slice is the path, cut at the ends.
+    Each copy of the path is shifted by a lap, so that what all copies have in the frame of the slice is the path, cut
+    at the ends of periodic axes. A row of NaN stands between two copies, so that a drawn line breaks there.
+
+    states : (T, ndim), at least one, on any lap. axes : the two axes of the slice.
     """
     low, high, periodic = (np.array(given)[list(axes)] for given in (grid.lower, grid.upper, grid.periodic))
     path, span = np.asarray(states, dtype=np.float64)[:, list(axes)], high - low

@@ -115,8 +115,10 @@ def first_moment(
     rng: np.random.Generator,
     left: FloatArray | None = None,
 ) -> Moment:
-    """The moment at which an interval of M runs begins, for the adversary.
+    """The moment at which an interval of M runs begins, for the adversary, with v = 0 before.
 
+    table : whose tubes of step + 1 the moment's `tube` evaluates.
+    problem : the robot's, with the sensing that is simulated.
     states : (M, ndim).
     inputs : (M,) int, held over the interval.
     to_go : (M,) int, the steps to go by which they were chosen.
@@ -150,8 +152,10 @@ def random(moment: Moment) -> FloatArray:
 def _effects(moment: Moment, unsafe_set: UnsafeSet, states: FloatArray, t: float, push: FloatArray) -> list[FloatArray]:
     """[g, change_1, ..., change_D], each (M,): the level-set function of an unsafe set, and how v changes it.
 
-    g is its value at states (M, ndim) and time t, inf for runs under whose input the set is not unsafe. change_d is by
-    how much g changes where component d of v alone moves the states by push[:, :, d], (M, ndim).
+    g is the value at the states, inf for runs under whose input the set is not unsafe. change_d is by how much the
+    value changes if component d of v alone moves the states by push[:, :, d].
+
+    states : (M, ndim), one for each run. t : s. push : (M, ndim, D).
     """
     touching = np.flatnonzero([push[:, list(unsafe_set.axes), d].any() for d in range(push.shape[2])]).tolist()
     trials = np.concatenate([states, *(states + push[:, :, d] for d in touching)])  # evaluated in one call
@@ -180,11 +184,11 @@ def aggressive(moment: Moment) -> FloatArray:
 
 
 def worst(moment: Moment) -> FloatArray:
-    """The vertex of the box of v that, held until the interval's end, is worst for the robot: (M, D); at every substep.
+    """The vertex of the box of v that, held until the interval's end, is worst for the robot: (M, D).
 
-    It maximises the larger of the level-set value of the tube to be reached and the negative clearance from the unsafe
-    sets (to first order in v). Of equals it is that of the least clearance; they are common where the values are whole
-    steps.
+    It maximises the larger of two numbers at the interval's end, to first order in v: the level-set value of the tube
+    to be reached, and the negative of the least level-set value of the unsafe sets. Of equals it is that of the least
+    clearance, and of these the first. It is chosen anew at every substep.
     """
     predicted, bounds, end = moment.predicted(), moment.bounds, moment.time + moment.remaining
     push = moment.remaining * moment.gain(predicted) * bounds[:, None]  # (M, ndim, D)
@@ -201,8 +205,10 @@ def worst(moment: Moment) -> FloatArray:
 def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, inputs: FloatArray) -> FloatArray:
     """The least of all level-set values of unsafe sets and of the distances to unsafe ends of the grid: (M,).
 
-    At states (M, ndim) and time t, s, of the sets that are unsafe under each state's input, inputs (M,) int. inf past a
-    safe end, where nothing matters any longer.
+    inf past a safe end, where nothing matters any longer, and where there is neither a set nor an unsafe end.
+
+    states : (M, ndim). t : s.
+    inputs : (M,) int, by index; of each state only the sets count that are unsafe under its input.
     """
     grid = problem.grid
     low, high = grid.faces("fails")
@@ -212,11 +218,13 @@ def level_of_unsafe(problem: ReachAvoidProblem, states: FloatArray, t: float, in
 
 
 def greedy(moment: Moment) -> FloatArray:
-    """What, held until the interval's end, comes nearest to what must not be touched: a vertex of v's box, or 0.
+    """The vertex of the box of v, or 0, that comes nearest to what is unsafe if held until the interval's end: (M, D).
 
-    It decides `TURNS` times in an interval, by simulating each, and keeps the last disturbance, clipped, in between; of
-    equals it takes the first. With 0 it holds a state on a ridge of the game's value, as straight ahead of a car.
+    Nearest is the least value of `level_of_unsafe` on simulated paths, at `STRIDES` instants; of equals it is the
+    first, vertices before 0. It decides `TURNS` times in an interval, and in between keeps the last disturbance,
+    clipped to its bounds.
     """
+    # with 0 it holds a state on a ridge of the game's value, as straight ahead of a car
     if moment.substep % (SUBSTEPS // TURNS):
         return np.clip(moment.previous, -moment.bounds, moment.bounds)
     none, count = np.zeros(moment.bounds.shape[1]), len(moment.states)
@@ -232,10 +240,10 @@ def greedy(moment: Moment) -> FloatArray:
 
 
 def reckless(problem: ReachAvoidProblem, states: FloatArray, step: int) -> FloatArray:
-    """For each state (M, ndim) the input, by index, that comes nearest to what must not be touched: (M,) int.
+    """For each state (M, ndim) the index of the input that comes nearest to what is unsafe: (M,) int.
 
-    Each input is held for `RECKLESS` intervals from a step on, without a disturbance; of equals the first is taken. So
-    a commander drives who tests the filter.
+    Nearest is the least value of `level_of_unsafe`, twice in each interval, if the input is held for `RECKLESS`
+    intervals from `step` on without a disturbance; of equals it is the first.
     """
     count, inputs, interval = len(states), len(problem.inputs), problem.interval(step)
     held, ahead = np.repeat(np.arange(inputs), count), np.tile(states, (inputs, 1))
@@ -302,7 +310,9 @@ class Sight:
 def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: float, span: FloatArray) -> FloatArray:
     """Where states (M, ndim) are after time spans (M,), s, at each vertex of the disturbance box: (2^D, M, ndim).
 
-    To first order: with the velocities at time t, s, under inputs (M,) int, of the problem and step of `seen`.
+    To first order: with the velocities at the states and at time t, s.
+
+    seen : whose problem and step are used. inputs : (M,) int, by index. span : (M,), s.
     """
     interval = seen.problem.interval(seen.step)
     push = span[:, None, None] * interval.gain(states, inputs, t) * interval.bounds(inputs, t)[:, None]
@@ -312,8 +322,8 @@ def pushed(seen: Moment | Sight, states: FloatArray, inputs: FloatArray, t: floa
 def mislead_worst(sight: Sight) -> FloatArray:
     """The measurement errors (M, ndim), each 0 or a vertex of the box, for which the controller's input is worst.
 
-    Worst is no input at all, or that under which the tube's value at the interval's end, at the worst vertex of the
-    disturbance box, is largest; of equals the first is taken, 0 before the vertices.
+    Worst is no input at all, or else the input under which the tube's value at the interval's end, at the worst vertex
+    of the disturbance box, is largest. Of errors that are equally bad it is the first, 0 before the vertices.
     """
     problem, count = sight.problem, len(sight.states)
     vertices = np.array(list(product(*((-width, width) if width else (0.0,) for width in sight.box))))
@@ -332,7 +342,7 @@ def mislead_worst(sight: Sight) -> FloatArray:
 def shift_worst(moment: Moment) -> FloatArray:
     """-1, 0 or 1 for each run, (M,): the end of the interval, early, on time or late, that is worst for the robot.
 
-    There the tube's value, at the worst vertex of the disturbance box, is largest; of equals it is the earliest.
+    At that end the tube's value, at the worst vertex of the disturbance box, is largest; of equals it is the earliest.
     """
     scores = []
     for late in (-1, 0, 1):

@@ -96,6 +96,8 @@ class ReachAvoidEnv(gymnasium.Env[FloatArray, np.int64]):
         """Start at step 0 from options["state"] (ndim,), or from a random state of the tube outside the target.
 
         Returns the observation and `info`. ValueError if the state does not fit or no state can be drawn.
+
+        seed : of the random numbers from here on; None: they go on, or are seeded by the system the first time.
         """
         super().reset(seed=seed)
         problem = self.table.problem

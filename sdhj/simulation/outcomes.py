@@ -90,9 +90,11 @@ def play_interval(
 def _fast_sets(begun: Moment) -> list[UnsafeSet]:
     """The unsafe sets of a problem that may pass a state between two substeps, unseen at both.
 
-    Of these sets g changes in a substep by more than `FAST` of max -g, at `DRAWN` random states (of seed 0) at three
-    intervals, whose coordinates change as fast as any there; or none of the states is in the set. The caller keeps the
-    list with the problem.
+    A set is in the list if its level-set function g changes in a substep by more than `FAST` of max -g, or if no state
+    that is looked at is in it. These are `DRAWN` random states (of seed 0) at each of three steps; the change is that
+    where each coordinate changes at its greatest speed, in a random direction.
+
+    begun : a moment of the runs, for the problem and the length of a substep.
     """
     problem, h, rng = begun.problem, begun.duration, np.random.default_rng(0)
     grid, found = problem.grid, list[UnsafeSet]()
@@ -114,8 +116,12 @@ def _near(
 ) -> FloatArray:
     """Which of M runs an unsafe set may come to in so many substeps from time t, by bounds: (M,) bool, new.
 
-    states : (M, ndim), at time t, s. asked : (M,) bool, the runs that are looked at, others are False; by default those
-        under whose inputs the set is unsafe. False, too, where a black box declares too little for bounds.
+    False, without a bound, where a black box declares too little for bounds.
+
+    begun : a moment of the runs, for the problem, the inputs and the length of a substep.
+    states : (M, ndim), at time t, s.
+    asked : (M,) bool, the runs that are looked at; others are False. By default those under whose inputs the set is
+        unsafe.
     """
     found = unsafe_set.counts(begun.inputs) if asked is None else asked.copy()
     far, some = begun.duration * substeps * begun.interval.speeds, np.flatnonzero(found)
@@ -130,8 +136,11 @@ def _may_meet(
 ) -> FloatArray:
     """Whether bounds leave open that a set is met in the boxes from points (M, ndim) to points + moved: (M,) bool.
 
-    times : the begin and the end of the time in which it may be met, s. Also True where a box crosses the end of a
-        periodic axis; False, without a bound, where a black box does not declare enough for one.
+    Also True where a box crosses the end of a periodic axis; False for all where a black box does not declare enough
+    for a bound.
+
+    points, moved : (M, ndim), of all axes of the problem.
+    times : the begin and the end of the time in which the set may be met, s.
     """
     axes, grid = list(unsafe_set.axes), problem.grid.subgrid(unsafe_set.axes)
     start, by = grid.wrapped(points[:, axes]), moved[:, axes]
@@ -155,9 +164,11 @@ def _least_between(
 ) -> FloatArray:
     """The least value of g that is found on the straight ways from points at t to points + moved at t + h: (M,).
 
-    points, moved : (M, ndim). t, h : s. Where bounds leave open whether the set is met, g is evaluated at the middle of
-        a way, and then on both halves in the same way, `halvings` times at most, until it is <= 0; inf where nothing
-        was evaluated.
+    g is the level-set function of the unsafe set. Where bounds leave open whether the set is met, g is evaluated at the
+    middle of a way, and then likewise on both halves, `halvings` times at most, until it is <= 0. inf where nothing was
+    evaluated.
+
+    points, moved : (M, ndim). t, h : s.
     """
     out, left = np.full(len(points), np.inf), np.flatnonzero(_may_meet(problem, unsafe_set, points, moved, (t, t + h)))
     if halvings and left.size:

@@ -127,22 +127,27 @@ def played(
 ) -> Played:
     """Simulate runs from the tube of step 0 and report how many are lost, how, and what would help.
 
-    It is `Table.played`, which explains the arguments and errors.
+    This is `sdhj.table.batches.Table.played`, which explains arguments and errors, as a function of the table.
     """
     return _played(Controller(table), runs, adversary, seed, steps)
 
 
 def _played(controller: Controller, runs: int, adversary: str | Adversary, seed: int, steps: int | None) -> Played:
-    """Simulate so many runs of a controller from states drawn in its tube of step 0, and count those that are lost.
+    """Simulate runs of a controller from states drawn in its tube of step 0, and count those that are lost.
 
-    The arguments and errors are those of `Table.played`; the advice is found only if runs were lost.
+    The arguments but `controller`, and the errors, are those of `sdhj.table.batches.Table.played`. `Played.advice` is
+    "" if no run was lost.
     """
     table, play = controller.table, adversary_of(adversary)
     runs, rng = whole("runs", runs, least=1, most=MOST_RUNS), np.random.default_rng(whole("seed", seed, least=0))
     places: dict[int, str] = {}
 
     def watch(moment: Moment, _: FloatArray, states: FloatArray, clearance: FloatArray) -> None:
-        """Note in `places` the set that each run first touches, or the axis past whose unsafe end it leaves."""
+        """Note in `places`, by the run's number, the set that it first touches, or the axis past whose end it leaves.
+
+        A `Watch`: it is given the moment before a substep, the disturbances, the new states (M, ndim), and the least
+        level-set value of the unsafe sets (M,).
+        """
         for row in np.flatnonzero((clearance <= 0) | table.grid.beyond(states, "fails")):
             at = moment.time + moment.duration
             met, j = bool(clearance[row] <= 0), int(moment.inputs[row])
@@ -167,11 +172,11 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
 
 
 def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
-    """Whether from any of these states (M, ndim) some input leads into the target at step 1, whatever v is.
+    """Whether from any of these states (M, ndim) at step 0 some input may lead into the target at step 1.
 
-    Only the corners of the box that the input can lead to are asked, and only the first states, up to `MOST_CORNERS`
-    numbers: this is necessary for a promise, not sufficient. Where it is False of states outside the target, nothing
-    can be promised there within one step, so within none.
+    The target must contain all corners of the box that the input and any v lead to; a promise needs that, and more.
+    Only the first states are looked at, as many as have `MOST_CORNERS` numbers; False if M = 0. The problem
+    must have a target.
     """
     corners = np.array(list(product((False, True), repeat=problem.grid.ndim)))
     states = states[: max(1, MOST_CORNERS // (len(problem.inputs) * corners.size))]
@@ -184,8 +189,9 @@ def _leads_in(problem: ReachAvoidProblem, states: FloatArray) -> bool:
 def _where(table: Table, state: FloatArray, t: float, met: bool, j: int) -> str:
     """The name of the unsafe set that a run has met, or of the axis past whose unsafe end it has left.
 
-    state : (ndim,), at time t, s. met : whether it was a set: of those that are unsafe under input j the one whose
-        level-set function is least; else the axis past whose end the state is farthest.
+    state : (ndim,), at time t, s.
+    met : if true, the name is that of the set whose level-set function is least, of those that are unsafe under input
+        j; else of the axis past whose unsafe end the state is farthest.
     """
     problem, grid = table.problem, table.grid
     if met:
@@ -202,7 +208,10 @@ def _gaps(table: Table) -> str:
 
 
 def _advice(table: Table, ways: Mapping[str, int], runs: int) -> str:
-    """A sentence or two on how the losses may be reduced; ways : how many of the `runs` were lost in each way."""
+    """A sentence or two on how the losses may be reduced.
+
+    ways : how many of the `runs` were lost in each way, as `Played.ways`.
+    """
     problem, grid, said = table.problem, table.grid, []
     if sum(ways.values()) >= ALARMING * runs and (remedy := _gaps(table)):
         return f'{remedy}; or method="certified", which proves what it promises'
@@ -230,11 +239,12 @@ def judged_at_the_end(table: Table) -> dict[str, Any]:
     """Check a solved table on a grid by simulated runs, and warn of an empty tube or broken promises.
 
     Returns {"played": counts} for its details, a dict of plain values; {} for a tube with less than `NEARLY_EMPTY` of
-    the volume, from which nothing is simulated. How many runs there are follows from the solve's work.
+    the volume, from which nothing is simulated. There are `FEWEST_PLAYED` to `MOST_PLAYED` runs, more after a longer
+    solve.
     """
     share = table.fraction()
     if share < NEARLY_EMPTY or (not table.problem.has_no_target and share <= table.fraction(within=0)):
-        tell(_emptied(table, share))
+        tell(_cause_of_empty_tube(table, share))
     if share < NEARLY_EMPTY:
         return {}
     ever, mean = table.problem.has_no_target and table.details.get("endless"), max(table.steps / 2, 1)
@@ -280,12 +290,13 @@ def _judged_for_ever(table: Table, runs: int) -> dict[str, Any]:
     return {"played": {"runs": alone.runs + 2 * few, "lost": alone.lost + behind.lost + fled.lost, "ways": ways}}
 
 
-def _emptied(table: Table, share: float) -> Finding:
+def _cause_of_empty_tube(table: Table, share: float) -> Finding:
     """The finding on a tube that holds next to nothing, a `share` of the state space: a likely cause, and what helps.
 
-    Causes are looked for in this order: projections, inputs that do not stay clear for one interval, errors of a
-    `Sensing` that cost more than inputs change, and inputs that make no progress; at `EMPTIED_STATES` random states (of
-    seed 0), by the avoid tubes of step 0 and `_leads_in`.
+    Causes are tried in this order, and the first that applies is named: with method "projected" the projections, if
+    some input stays clear from more than `NEARLY_EMPTY` of the states; that no input stays clear for one interval;
+    errors of a `Sensing` that cost more than inputs change; and else that no input makes progress. They are looked for
+    at `EMPTIED_STATES` random states (of seed 0), by the avoid tubes of step 0 and `_leads_in`.
     """
     problem, grid = table.problem, table.grid
     message = f"the tube of {problem.name!r} holds {share:.2g} of the state space"

@@ -399,7 +399,9 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
     """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
 
     They are in no true unsafe set; with a `Sensing` they are admissible however they are measured. ValueError if the
-    tube is so small that `DRAWS` rounds do not find as many.
+    tube is so small that `DRAWS` rounds, of max(1024, 2 count) draws each, find fewer.
+
+    count : at least 1.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []

@@ -103,14 +103,15 @@ class Runs:
         box: FloatArray | None = None,
         known: tuple[FloatArray, int] | None = None,
     ) -> FloatArray:
-        """The controllers' predictions (M, ndim) at a step, from measurements of states that the adversary misleads.
+        """The controllers' predictions (M, ndim) at a step, from measurements whose errors the adversary chooses.
 
-        states : (M, ndim), true.
-
-        before : (M,) int, the inputs held until then.
+        step : k, at most the last step of the table.
+        states : (M, ndim), the true states when they are measured.
+        before : (M,) int, the inputs held until the next input starts, by index.
         box : (ndim,), only at a run's start: how far predictions may be off. They are then the states with such an
             error, and made from no measurements.
-        known : of controllers that remember, the points (M, ndim) that they carry and the step of these.
+        known : for controllers that remember, the points (M, ndim) that they carry, and the step of these points; None:
+            predictions are not tied to what was known.
 
         ValueError where the adversary exceeds the errors of the sensing.
         """
@@ -119,15 +120,16 @@ class Runs:
         table, last = self.controller.table, step == self.controller.table.steps
 
         def predict(off: FloatArray) -> FloatArray:
-            """The predictions (M, ndim) from measurements that are off by `off` (M, ndim)."""
+            """The predictions (M, ndim) from states measured with errors `off` (M, ndim); at the start states + off."""
             seen = states + off
             found = problem.grid.clipped(seen) if begun else self.controller.predict(seen, before, step)
             return table.next_points(known[0], before, known[1], found)[0] if known else found
 
         def ask(off: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """What the controllers choose from measurements that are off by `off` (M, ndim), as `Sight.ask` says.
+            """The inputs, by index, that the controllers choose from measurements that are off by `off` (M, ndim).
 
-            At the last step, where no input is chosen, steps to go stand for the inputs.
+            Returns them and the steps to go, (M,) int each, -1 for no answer. At the last step, where no input is
+            chosen, the steps to go are returned in place of the inputs.
             """
             batch = self.controller.batch(predict(off), step)
             chosen = batch.steps_to_go if last else self.controller.choose(batch, None if begun else before)
@@ -152,10 +154,13 @@ class Runs:
     def first_moment(
         self, number: int, begin: float, rows: FloatArray, inputs: FloatArray, to_go: FloatArray
     ) -> Moment:
-        """What the adversary sees of some runs when their interval begins, at `begin`, s.
+        """What the adversary sees of some runs when their interval begins.
 
-        number : of the interval. rows : (R,) int, the runs. inputs, to_go : (R,) int, the inputs that they hold, and
-            the steps to go by which these were chosen.
+        number : of the interval, from 0 on.
+        begin : the time, s, at which it begins, with the jitter.
+        rows : (R,) int, the numbers of the runs.
+        inputs, to_go : (R,) int, the inputs that the runs hold, by index, and the steps to go by which these were
+            chosen.
         """
         step, table = 0 if self.ever else number, self.controller.table
         every = self.controller.all_left or not self.controlled
@@ -213,13 +218,15 @@ class Runs:
             self.hold(number, rows[some], inputs[some], to_go[some], int(ends[some][0]))
 
     def hold(self, number: int, rows: FloatArray, inputs: FloatArray, to_go: FloatArray, ends: int) -> None:
-        """Simulate the runs `rows` (R,) for an interval that begins, and ends, for all of them at one time.
+        """Simulate the runs `rows` for an interval that begins at one time for all of them, and ends at one time.
 
-        It begins at their common offset.
+        Updates states, outcomes, offsets, held and taken of these runs. With a `Sensing` the states are measured one
+        delay before the end, and `predictions` are made of those runs that go on.
 
-        inputs, to_go : (R,) int, as in `apply`. ends : -1, 0 or 1, early, on time or late. Updates states, outcomes,
-            offsets, held and taken of these runs; with a `Sensing` the states are measured one delay before the end,
-            and predictions made for the next input.
+        number : of the interval, from 0 on.
+        rows : (R,) int, the numbers of the runs, at least one, all with the same offset.
+        inputs, to_go : (R,) int, the inputs that they hold, by index, and the steps to go by which these were chosen.
+        ends : -1, 0 or 1: the interval ends early, on time or late, by the jitter.
         """
         sensing, begin, after = self.problem.sensing, self.begins(number, self.offsets[rows[0]]), 0
         begun = self.first_moment(number, begin, rows, inputs, to_go)
@@ -256,12 +263,14 @@ def rollouts(
 ) -> tuple[FloatArray, FloatArray]:
     """Simulate one run from each start (M, ndim), to its end or for all steps.
 
-    Returns outcomes (M,) int, indices into OUTCOMES, and the numbers of intervals (M,) int. A run whose start is in an
-    unsafe set has collided; one that is not decided after the last step is late.
+    Returns outcomes (M,) int, indices into OUTCOMES, and how many intervals each run had, (M,) int. A run whose start
+    is in an unsafe set has collided; a run that is not decided after the last step is late.
 
-    play : the adversary. watch : called after each substep, if it is given: see `Watch`. steps : how many, all by the
-        tubes of step 0; None: all steps of the problem in order. sensing : what is simulated; by default what the table
-        was solved for.
+    play : the adversary, who chooses the disturbances.
+    rng : from which all random numbers are drawn.
+    watch : called after each substep, if it is given: see `sdhj.simulation.outcomes.Watch`.
+    steps : how many steps are simulated, all by the tubes of step 0; None: all steps of the problem in order.
+    sensing : the errors, delay and jitter that are simulated; by default those that the table was solved for.
     """
     sensing = controller.problem.sensing if sensing is None else sensing
     runs = Runs(controller, starts, play, rng, sensing, watch, ever=steps is not None)

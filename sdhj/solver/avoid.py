@@ -37,7 +37,7 @@ class Danger(NamedTuple):
     unsafe_set : UnsafeSet
         The set of `problem` to be avoided.
     inside : tuple of slice
-        For each of `axes` where the nodes of the problem's own grid lie in the tubes of the game.
+        For each of `axes` which nodes of the game's grid are the nodes of the problem's own grid.
     """
 
     axes: tuple[int, ...]
@@ -50,7 +50,8 @@ class Danger(NamedTuple):
 def dangers(problem: ReachAvoidProblem) -> list[Danger]:
     """The avoid games of a problem: of each unsafe set, then of the unsafe ends of each axis that has them.
 
-    Found at the first call and kept with the problem; each call returns a new list. ValueError as of `_ends`.
+    Found at the first call and kept with the problem; each call returns a new list. ValueError where the state crosses
+    more than `sdhj.solver.schemes.MOST_STEPS` cells in an interval towards an unsafe end.
     """
     return list(problem.remembered("dangers", lambda: _dangers(problem)))
 
@@ -68,10 +69,12 @@ def _dangers(problem: ReachAvoidProblem) -> list[Danger]:
 def tube_of(games: Games, danger: Danger, inside: tuple[slice, ...], step: int, former: Former | None) -> FloatArray:
     """The avoid tubes of a danger over the interval from a step, one for each input: (L, *subgrid), > 0 in danger.
 
-    They are taken from the `former` solve if it has them, else solved by `games`; -inf for inputs under which the set
-    is not unsafe. With `former`, they are also appended to what it keeps, so steps must be asked in order.
-    games : those of `danger.problem`. inside : the index of the wanted nodes in the arrays (L, ...) of `games`, without
-        L.
+    -inf for inputs under which the set is not unsafe.
+
+    games : those of `danger.problem`, which solve the tubes unless `former` has them.
+    inside : a slice for each axis of what `games.avoid` returns, without the axis of inputs: the wanted nodes.
+    former : the former solve, or None. The tubes are appended to what it keeps for the next solve, so steps have to be
+        asked in order, 0 first.
     """
     found = former.tube(danger, step) if former else None
     if found is None:

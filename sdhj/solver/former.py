@@ -98,9 +98,10 @@ def within_stages(grid: Grid, planes: FloatArray, order: int, stages: int) -> Fl
 
 
 def within_boxes(grid: Grid, planes: FloatArray, cells: FloatArray) -> FloatArray:
-    """Which planes depend on a marked one of `planes` (*shape[:-2]) bool in a maximum over boxes around each node.
+    """Which planes have a node whose maximum over a box around it reads a marked plane: (*shape[:-2]) bool.
 
-    cells : (ndim,), how many cells a box reaches along each axis; it need not be a whole number.
+    planes : (*shape[:-2]) bool, the marked ones, which are not changed. cells : (ndim,), how many cells a box reaches
+        along each axis, a whole number or not; the last two are not used.
     """
     for axis in range(planes.ndim):
         planes = _near_marked(grid, planes, axis, nodes_read(cells[axis]))
@@ -144,16 +145,17 @@ class Patch:
     def solve_still(
         self, solve: Callable[[Any], FloatArray], grid: Grid, past: Sequence[int], reads: tuple[int, int], cells: Any
     ) -> FloatArray:
-        """The PDE's solution in the moving frame: new where it may differ from the former one, copied elsewhere.
+        """The solution (*grid.shape) of the PDE in the moving frame: new where it may differ, else the former one.
 
-        Sets `still` to the solution, and `rows` to the planes of the entry that may differ.
+        Sets `still` to the solution, and `rows` to the planes of the entry that may differ. Where nothing can differ,
+        the former array itself is returned.
 
-        solve : solve(planes) gives the solution (*grid.shape), which need be right only in these planes of `grid`;
-            solve(None) gives all of it, where no former one was kept.
+        solve : solve(planes) returns the solution (*grid.shape), a new array that needs to be right only in these
+            planes of `grid`; solve(None) returns all of it. It is called once at most.
         grid : the problem's, extended by past[axis] nodes past both ends of each axis.
-        reads : how many nodes to each side a stage reads, and the number of stages.
-        cells : two arrays (ndim,): how many cells the disturbance may move a state, and how many the solution is
-            shifted, at most.
+        reads : how many nodes to each side a stage of the time steps reads, and the number of stages.
+        cells : two arrays (ndim,): by how many cells at most the disturbance moves a state, and by how many the
+            solution is shifted.
         """
         lead = self.changed.ndim
         around = np.pad(self.changed, [(n, n) for n in past[:lead]], "edge") if lead else self.changed
@@ -172,7 +174,11 @@ class Patch:
         return still
 
     def copy_rest(self, tube: FloatArray, marks: FloatArray) -> None:
-        """Copy all planes that are not in `rows` from the former entry into a tube (*shape) and marks (bytes, size)."""
+        """Copy the planes that are not marked in `rows` from the former entry, tube and marks, in place.
+
+        tube : (*shape), contiguous. marks : (bytes, *shape) or (bytes, size) uint8. Both are written only in these
+            planes. `rows` has to be set.
+        """
         rest = np.flatnonzero(~self.rows)
         for now, then in ((tube[None], self.former[0]), (marks, self.former[1])):
             own, other = (one.reshape(len(now), self.rows.size, -1) for one in (now, then))
@@ -249,12 +255,13 @@ class Former:
     def avoid_tubes(self, now: Sequence[Any], moves: bool, often: int) -> FloatArray | None:
         """The former avoid tubes of all static dangers united, or of all moving ones, or None: (steps, L, *subgrid).
 
-        A view of the former table's. None if the problems are not alike, if the dangers `now` are not the earlier ones
-        in the same order, or if the former table has fewer steps. Otherwise what was kept of each danger is put into
-        `each`.
+        A view of the former table's array. None if the problems are not alike, if the dangers `now` are not the earlier
+        ones in the same order, or if the former table has fewer steps. If the dangers are the same, what was kept of
+        each of them is also put into `each`.
 
-        now : the dangers of the problem now, all static or all moving. moves : which of the two. often : the number of
-            steps, 1 for static ones.
+        now : the dangers of the problem now, all static or all moving ones.
+        moves : whether they are the moving ones.
+        often : the number of steps wanted; 1 for static ones.
         """
         if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
             return None
@@ -299,14 +306,17 @@ class Former:
         return Patch(self.problem.grid, changed, besides, former, self.kept.still.get((step, made)))
 
     def keep_still(self, patch: Patch, step: int, within: int) -> None:
-        """Put the PDE's solution in the moving frame, if the games found one for this entry, into `still`."""
+        """Put the solution of the PDE in the moving frame for the entry (step, within) into `still`.
+
+        Nothing is done if the games did not set `patch.still`.
+        """
         if patch.still is not None:
             self.still[step, within] = patch.still
 
     def _differs(self, table: LookupTable, entry: tuple[int, int], made: int) -> FloatArray:
-        """In which planes an entry (k, n) of `table` differs from the former (k, made): (*shape[:-2]) bool.
+        """In which planes the tube of an entry (k, n) of `table` differs from the former one: (*shape[:-2]) bool.
 
-        Found once for each triple.
+        entry : (k, n). made : the steps to go of the former tube, at step k. Found once for each k, n, made.
         """
         if (*entry, made) not in self._differing:
             now, then = table.value_array(*entry), self.table.value_array(entry[0], made)
@@ -316,9 +326,11 @@ class Former:
     def _avoid_differs(self, table: LookupTable, step: int, tube: FloatArray) -> FloatArray:
         """In which planes a step's avoid tubes differ from the former ones in a way that matters: (*shape[:-2]) bool.
 
-        The value of an input, max(reach, avoid), is nowhere below the former tube (*shape) of the entry, with which it
-        was united. Where an avoid tube was and is below `tube`, the reach set alone is the value, as it was. Without a
-        target tubes are intersected, and every difference matters.
+        A difference matters where the old or the new value is at least that of `tube`: below it the value of the input,
+        max(reach, avoid) >= tube, is that of the reach set alone. Without a target every difference matters. All planes
+        are True where the avoid tubes depend on other axes than before.
+
+        tube : (*shape), the former tube of the entry. The avoid tubes of `table` at this step must be there.
         """
         now, then = table.avoid, self.table.avoid
         if (now.static_axes, now.moving_axes) != (then.static_axes, then.moving_axes):
@@ -335,7 +347,9 @@ class Former:
     def _highest(self, now: FloatArray, then: FloatArray, axes: Sequence[int]) -> FloatArray:
         """At each node the greatest value, now or then, of the avoid tubes that differ there in some bit, else -inf.
 
-        now, then : (L, *subgrid) of some axes, of one dtype. The result broadcasts to the grid.
+        The result has the dimensions of the grid, with length 1 along axes that it does not depend on.
+
+        now, then : (L, *subgrid of `axes`), of one dtype. axes : of the grid, ascending.
         """
         if now.ctypes.data == then.ctypes.data:  # they were taken over
             return np.full((1,) * self.problem.grid.ndim, -np.inf, now.dtype)

@@ -115,14 +115,15 @@ class Pieces(NamedTuple):
 
     @property
     def number(self) -> int:
-        """How many inputs these are the reach sets of."""
+        """The number of inputs, whose reach sets these are."""
         return len(self.pieces[0])
 
     def of(self, some: slice = slice(None)) -> FloatArray:
         """The level-set functions of some of these inputs on the whole grid: (inputs, *grid.shape).
 
-        some : a slice of the rows, counted from the input `first`. A view where there is one piece on all axes, else
-            new.
+        A view where there is one piece on all axes, else a new array.
+
+        some : a slice of the inputs, counted from `first`; by default all.
         """
         if len(self.axes[0]) == self.grid.ndim:  # nothing was dropped, perhaps nodes that nobody wants
             return self.pieces[0][some]
@@ -158,8 +159,8 @@ def in_eights(grid: Grid, reach_sets: Iterable[tuple[int, FloatArray]]) -> Itera
 def past_ends(problem: ReachAvoidProblem, axes: Sequence[int]) -> tuple[int, ...]:
     """By how many nodes the grid of the moving frame goes past both ends of each of some axes, at constant velocities.
 
-    It is 0 but for bounded axes with a drift. There it is as far as the disturbance pushes in an interval, or the drift
-    leads if that is less, in nodes rounded up, and `BEYOND` more: what lies farther off is like it.
+    It is 0 for periodic axes and for axes without a drift. For others it is, in nodes and rounded up, as far as the
+    disturbance pushes the state in an interval, or as far as the drift leads if that is less, and `BEYOND` nodes more.
     """
     grid, (drift, gain, bounds) = problem.grid, problem.dynamics.arrays
     farthest = np.minimum((np.abs(gain) * bounds).sum(axis=1), np.abs(drift).max(axis=0)) * problem.interval(0).delta
@@ -192,8 +193,8 @@ class ObstacleFunction:
     def of(cls, problem: ReachAvoidProblem, unsafe_set: UnsafeSet, axes: Axes) -> "ObstacleFunction":
         """The obstacle function of an unsafe set of the problem, on `axes`, ascending, which include those of the set.
 
-        With view_time="instantaneous" a moving set is swept over each time step, as a fast one could be missed between
-        two.
+        With view_time="instantaneous" `values_over` is to be called for each time step of the interval, else once for
+        the whole interval.
         """
         instant = unsafe_set.moving and problem.view_time == "instantaneous"
         view_time = "swept" if instant else problem.view_time
@@ -201,7 +202,7 @@ class ObstacleFunction:
 
         # on the set's own axes in memory, of which there may be fewer
         def values_over(t0: float, t1: float) -> FloatArray:
-            """-g over [t0, t1] on the subgrid (*shape): a read-only view, in memory only on the set's own axes."""
+            """max of -g over [t0, t1], s, on the subgrid: (*subgrid), a read-only view, kept on the set's own axes."""
             values = -problem.unsafe_over(unsafe_set, t0, t1, view_time=view_time)
             return np.broadcast_to(grid.lift(values, places), grid.shape)
 
@@ -242,7 +243,7 @@ class _OnAxes:
     def __init__(
         self, problem: ReachAvoidProblem, axes: Sequence[int] | None, counted: Counted = NONE, wanted: Wanted = NONE
     ) -> None:
-        """Games on all axes of the problem's grid (None) or on some; counted, wanted : as in the class."""
+        """Games on `axes` of the problem's grid, None for all; counted, wanted : attributes of the class."""
         self.problem, self.counted, self.wanted = problem, counted, wanted
         self.axes: Axes = tuple(range(problem.grid.ndim)) if axes is None else tuple(axes)
         self.grid = problem.grid if axes is None else problem.grid.subgrid(axes)
@@ -257,29 +258,32 @@ class _OnAxes:
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
+        """To be implemented: yield the reach sets of all inputs, groups of successive inputs at a time.
 
-        Successive inputs come in groups, those of one byte of marks together; values (*shape).
+        The reach set of an input is that of the states that it leads into {values <= 0} at the end of the interval from
+        a step. Inputs whose marks are in one byte, that is with the same j // 8, are in one group.
 
-        patch : if given, sets `patch.rows` before anything is yielded; then only these planes of the reach sets are
-            right, and nothing is yielded where there are none.
+        values : (*shape).
+        patch : None, or what is to be solved: `patch.rows` is set before anything is yielded, and only these planes of
+            the reach sets are right; nothing is yielded if there are none. Ignored by games without `patches`.
         """
         raise NotImplementedError
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations (`sdhj.problem.cost`) of all inputs in the interval from a step, an estimate.
+        """To be implemented: an estimate of the operations (`sdhj.problem.cost`) of all inputs in one interval.
 
-        axes : those on which the game is played. avoid : of an avoid game; else of a reach game. Raises `crossed` to
-            the number of cells that the state crosses in the interval.
+        Raises the attribute `crossed` to the number of cells that the state crosses in the interval, if that is more.
+
+        axes : the axes on which the game is played. step : at which the interval begins.
+        avoid : whether it is an avoid game; else it is a reach game.
         """
         raise NotImplementedError
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
-        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set.
+        """Yield (j, Phi_j) for every input j in turn: the level-set function of its reach set, at the wanted nodes.
 
-        It is (*shape), the wanted nodes alone.
-
-        Phi_j is at the begin of the interval from `step`, `values` (*shape) those of the set to be in at its end.
+        Phi_j is at the begin of the interval from `step`; {values <= 0}, values (*shape), is the set to be in at its
+        end.
         """
         for some in self.grouped_reach_sets(values, step):
             for begin in range(0, some.number, EIGHT):
@@ -337,9 +341,12 @@ class HJIGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, scheme: Scheme, axes: Sequence[int] | None = None, **window: Any
     ) -> None:
-        """Games on all axes or on some; `window` : counted and wanted, as in `_OnAxes`.
+        """Games on `axes` of the problem's grid, None for all, by a scheme.
 
-        ValueError where, in the moving frame, the drift crosses too many cells in an interval (`checked_travel`).
+        window : the keywords `counted` and `wanted`, attributes of `_OnAxes`.
+
+        ValueError where, in the moving frame, the drift crosses more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+        interval.
         """
         super().__init__(problem, axes, **window)
         self.scheme, self.dtype, self.solved = scheme, scheme.dtype, 0
@@ -364,19 +371,22 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def moving_frame(self) -> bool:
-        """Whether the drift can be solved by a shift; computed once.
+        """Whether games may be played in the moving frame, coordinates that move with the drift; computed once.
 
-        It can if the scheme allows it, velocities are constant, and a wall does no more than end the shift. It cannot
-        for an axis with a drift if this axis has an unsafe end and there is no target; or if it has a wall, a component
-        of v that moves several axes moves it too, and v may outdo the drift there.
+        There the PDE has the disturbance alone, so that one solution, shifted by the drift under each input, serves for
+        all inputs. The frame applies if the scheme allows it and velocities are constant, unless some axis with a drift
 
-        At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the interval.
-        This is right where the disturbance moves the axis on its own, and where the state never turns back from the
-        wall; a state that has slid along the wall and left it again is somewhere else. Without a target, where sets
-        shrink away from unsafe ends step by step, finite differences are kept, because tables for ever have been tested
-        with them. On a line shifts would be better: after 30 steps of a fifth of a cell, at 41 nodes, 0.067 of the set
-        is promised wrongly by differences and 0.057 by shifts.
+        * has an unsafe end, and there is no target; or
+        * has a wall, a component of v that moves several axes moves this one, and v may be stronger than the drift
+          under some input.
         """
+        # At a wall the shift is clipped: the state without the wall is moved back to the wall at the end of the
+        # interval. This is right where the disturbance moves the axis on its own, and where the state never turns back
+        # from the wall; a state that has slid along the wall and left it again is somewhere else.
+        #
+        # Without a target, where sets shrink away from unsafe ends step by step, finite differences are kept, because
+        # tables for ever have been tested with them. On a line shifts would be better: after 30 steps of a fifth of a
+        # cell, at 41 nodes, 0.067 of the set is promised wrongly by differences and 0.057 by shifts.
         if self.scheme.frame == "fixed" or not self.problem.dynamics.constant:
             return False
         wall, push = np.isfinite(self.grid.faces("holds")).any(axis=0), self.push
@@ -389,15 +399,14 @@ class HJIGames(_OnAxes):
 
     @cached_property
     def pushed(self) -> FloatArray:
-        """How far the disturbance moves a state along each axis in an interval, if that is a cell or more: (axes,).
+        """How far the disturbance moves a state along each axis in an interval, in the axis's unit: (axes,).
 
-        It is 0 for less.
-
-        In the axis's unit; computed once. Differences erode narrow maxima, which are gaps between pieces of a tube; the
-        maximum over this box keeps them. Below a cell the box contains no other node, and interpolation alone would
-        wear sets down. All are 0 where a component of the disturbance moves several axes, as not all of a box can be
-        reached.
+        0 along an axis for less than a cell, and along all where a component of the disturbance moves several axes.
+        Computed once; only where velocities are constant.
         """
+        # Differences erode narrow maxima, which are gaps between pieces of a tube; the maximum over this box keeps
+        # them. Below a cell the box contains no other node, and interpolation alone would wear sets down. Where a
+        # component moves several axes, not all of a box can be reached.
         far = self.push.sum(axis=1) * self.duration
         return (
             far * (far >= np.array(self.grid.spacing) * (1 - ROUNDING)) * (not self.problem.dynamics.couples(self.axes))
@@ -424,10 +433,13 @@ class HJIGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
+        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
 
         In the moving frame they are shifts of one PDE's solution; else each input has its PDE, on small grids all
         solved at once.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         wanted, planes = self.wanted_on(self.axes), None
         if self.shifted:
@@ -447,11 +459,11 @@ class HJIGames(_OnAxes):
             yield from in_eights(self.grid, each)
 
     def _reads(self, step: int, still: Velocities | None = None) -> tuple[int, int]:
-        """How many nodes to each side a stage reads, and how many stages the interval from a step has.
+        """How many nodes to each side a stage reads, and how many stages the interval from a step has at most.
 
-        This is for `within_stages`.
+        `sdhj.solver.former.within_stages` takes both.
 
-        still : the velocities of the PDE in the moving frame, if that PDE is meant; None: those of all inputs.
+        still : the velocities of the PDE in the moving frame, if that PDE is meant; None: the PDEs of all inputs.
         """
         if still is None:
             steps = self.steps(self.axes, step)
@@ -461,10 +473,12 @@ class HJIGames(_OnAxes):
         return nodes, steps * stages
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+        """As `_OnAxes.operations`: an estimate of the operations of all inputs in the interval from a step.
 
-        They are nodes x time steps x stages, and the calls of kernels; in the moving frame those of one PDE and the
-        shifts.
+        They are nodes x time steps x stages, and what calls of kernels cost; in the moving frame those of one PDE, and
+        the shifts.
+
+        axes : the axes on which the game is played. avoid : whether it is an avoid game; else it is a reach game.
         """
         if avoid and self.by_formula(axes):
             found = self.formula.operations(axes, step, avoid)
@@ -495,8 +509,10 @@ class HJIGames(_OnAxes):
         """Yield the reach sets in the moving frame: Phi_j(x) = Psi(x + delta f_j), with f_j the drift under u_j.
 
         Psi is the reach set under the disturbance alone: the greater of the solution by differences and of the maximum
-        over the box that the disturbance moves a state in (`pushed`). values, step, patch : as for
-        `grouped_reach_sets`.
+        over the box that the disturbance moves a state in (`pushed`).
+
+        values : (*shape), the level-set function of the set to be in at the end of the interval from `step`.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         (grid, past), shift, wanted = self.moving_grid, self.drift * self.duration, self.wanted_on(self.axes)
         if any(past):
@@ -507,7 +523,7 @@ class HJIGames(_OnAxes):
         far = self.pushed
 
         def solve(planes: FloatArray | None) -> FloatArray:
-            """Psi (*shape), right on some planes or, for None, on all; counted in `solved`."""
+            """Psi on the grid of the moving frame, right at least in these planes (None: all); counted in `solved`."""
             self.solved += 1
             still = evolve(grid, values, pushes, self.duration, self.scheme, planes=planes)
             if far.any():  # differences would fill narrow gaps
@@ -526,8 +542,9 @@ class HJIGames(_OnAxes):
     def _evolve(self, values: FloatArray, j: int, step: int, planes: FloatArray | None = None) -> FloatArray:
         """Phi_j (*shape) at the begin of the interval from a step, by the HJI equation of game 3; counted in `solved`.
 
-        values : (*shape) at the interval's end. planes : (*shape[:-2]) bool, in which the solution is needed; others
-            are undefined.
+        values : (*shape) at the interval's end. j : the index of the input.
+        planes : (*shape[:-2]) bool, where the solution is needed, undefined elsewhere; None: everywhere. Ignored if
+            intervals may end early.
         """
         self.solved += 1
         velocities = self.velocities(j, self.axes, step)
@@ -541,9 +558,10 @@ class HJIGames(_OnAxes):
     def groups(self, axes: Axes, steps: int | None = None) -> list[tuple[list[int], Any, int]]:
         """All inputs in groups as `evolve_each` takes them, for games on some axes; kept for the next call.
 
-        A group has the inputs that need the same number of time steps; with `steps`, all are one group with so many. []
-        where inputs have to be solved one by one, as intervals may end early or velocities depend on time; or are
-        better solved so, because the grid is large or the velocities take much memory.
+        A group is (the numbers of the inputs that need equally many time steps, their velocities by
+        `sdhj.solver.schemes.together`, how many time steps that is); with `steps` all inputs are one group of so many.
+        [] where inputs are to be solved one by one: where intervals may end early or velocities depend on time, where
+        the grid is large, or where the velocities would take too much memory.
         """
         grid, few = self.problem.grid.subgrid(axes), self.problem.grid.subgrid(axes).size < FEW
         if (axes, steps) not in self._groups and few and not self.early and not self.problem.dynamics.timed:
@@ -625,9 +643,11 @@ class HJIGames(_OnAxes):
     ) -> Velocities | Callable[[float], Velocities]:
         """The velocity set of u_j along some axes in the interval from a step, as `evolve` takes it.
 
-        It is a `Velocities` or, if velocities depend on time, a function of tau, counted back from the interval's end.
-        drift : False leaves the drift out. Up to `KEPT` bytes are kept; of what depends on time those of one interval,
-        as a row of the recursion asks for the same times once for each number of steps to go.
+        It is a `Velocities` or, if velocities depend on time, a function of tau, s, counted back from the interval's
+        end, that returns one; it raises ValueError where velocities change too fast within the interval. Up to `KEPT`
+        bytes of velocities are kept for the next call; if they depend on time, those of one interval.
+
+        drift : False leaves the drift out.
         """
         interval = self.problem.interval(step)
         if not self.problem.dynamics.timed:
@@ -657,10 +677,10 @@ class HJIGames(_OnAxes):
     def steps(self, axes: Axes, step: int) -> int:
         """How many time steps of the interval from a step are enough for every input, at least 1.
 
-        axes : those on which the game is played.
+        It is the most that `counted` has for these axes; else the most that the CFL condition asks for, at `INSTANTS`
+        of the interval if velocities depend on time. Computed once for each interval that differs.
 
-        It is the most that `counted` has for these axes; else what the CFL condition asks for, looked at `INSTANTS`
-        where velocities depend on time.
+        axes : the axes on which the game is played.
         """
         if axes in self.counted:
             return max(1, *self.counted[axes])
@@ -696,8 +716,11 @@ class JointGames(HJIGames):
     ) -> Iterator[Maxima | Pieces]:
         """Yield level-set functions of the reach-avoid sets (Definition 4), some inputs at a time.
 
-        For each input a PDE is solved, with -g of the unsafe sets that count under it as obstacle. patch : ignored; all
-        planes are solved.
+        For each input a PDE is solved, with -g of the sets that are unsafe under this input as obstacle. Without unsafe
+        sets they are reach sets, in the moving frame where that applies.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : ignored; all planes are solved.
         """
         problem, grid = self.problem, self.grid
         if self.shifted:
@@ -709,14 +732,14 @@ class JointGames(HJIGames):
 
         @cache
         def union(some: tuple[int, ...], tau: float) -> FloatArray:
-            """The maximum of -g, at tau s left, over the unsafe sets with these numbers: (*shape), kept."""
+            """The maximum of -g over some unsafe sets, given by their positions, at tau s left: (*shape), kept."""
             values = np.full((1,) * grid.ndim, -np.inf)
             for place in some:
                 values = np.maximum(values, grid.lift(unsafe[place](tau), obstacles[place].axes))
             return np.ascontiguousarray(np.broadcast_to(values, grid.shape), dtype=self.dtype)
 
         def solved() -> Iterator[tuple[int, FloatArray]]:
-            """Yield (j, level-set function (*shape) of the reach-avoid set) for every input."""
+            """Yield (j, level-set function (*shape) of its reach-avoid set) for every input j; counted in `solved`."""
             for j in range(self.count):
                 self.solved += 1
                 velocities = self.velocities(j, self.axes, step)
@@ -752,10 +775,12 @@ class HopfLaxGames(_OnAxes):
     def __init__(
         self, problem: ReachAvoidProblem, interpolation: str, dtype: str, axes: Any = None, **window: Any
     ) -> None:
-        """Games on all axes or on some; `window` : counted, which is not used, and wanted, as in `_OnAxes`.
+        """Games on `axes` of the problem's grid, None for all; the other arguments are attributes of the class.
 
-        ValueError where velocities depend on the state, cross too many cells in an interval, or change too fast within
-        one.
+        window : the keywords `counted`, which is not used, and `wanted`, attributes of `_OnAxes`.
+
+        ValueError where velocities depend on the state, cross more than `sdhj.solver.schemes.MOST_STEPS` cells in an
+        interval, or change too fast within an interval.
         """
         super().__init__(problem, axes, **window)
         if not problem.dynamics.stateless:
@@ -798,10 +823,13 @@ class HopfLaxGames(_OnAxes):
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
     ) -> Iterator[Maxima | Pieces]:
-        """Yield the reach sets of all inputs, as `_OnAxes.grouped_reach_sets` says.
+        """As `_OnAxes.grouped_reach_sets`: yield the reach sets of all inputs, some inputs at a time.
 
         They are maxima of `values` over the set that each input leads to at the end of the interval from a step; or,
-        where it may end early, over a hull of all its ends.
+        where the interval may end early, over a hull of the sets at all times at which it may end.
+
+        values : (*shape); {values <= 0} is the set to be in at the end of the interval from a step.
+        patch : the part to be solved, whose `rows` are set before anything is yielded; None: all.
         """
         if patch:
             patch.rows = patch.besides | within_boxes(self.grid, patch.changed, self.reads)
@@ -848,13 +876,14 @@ class HopfLaxGames(_OnAxes):
     ) -> tuple[Moved, float]:
         """For each input a box and segments that hold all its displacements in one piece of an interval, and a cost.
 
-        The cost is that of maxima over all of them, for the meter. Both are kept (`_once`).
+        The cost is that of maxima over all of them, in operations, for the progress bar. Both are kept (`_once`).
 
-        piece : the number of the piece, of `pieces` equal ones. axes : along which.
+        piece : which of `pieces` equal pieces, from 0 on.
+        axes : the axes of the problem's grid along which displacements are returned, in this order.
         """
 
         def find() -> tuple[Moved, float]:
-            """Compute the sets and the cost."""
+            """The sets and the cost, computed anew."""
             ends = self.duration * np.linspace(piece, piece + 1, 5 if self.problem.dynamics.timed else 2) / pieces
             moved = self._displacement_sets(interval, axes, ends.tolist())
             return moved, _operations(self.problem.grid.subgrid(axes), moved) + A_PIECE
@@ -862,11 +891,10 @@ class HopfLaxGames(_OnAxes):
         return self._once(interval, (*axes, piece, pieces), find)
 
     def _displacement_sets(self, interval: Interval, axes: list[int], ends: list[float]) -> Moved:
-        """For each input a box and segments that hold its displacements at all of some times.
+        """For each input a box and segments whose sum holds its displacements at all times in `ends`.
 
-        ends : the times, s from the interval's begin.
-
-        axes : along which. ends : ascending.
+        axes : the axes of the problem's grid along which displacements are returned, in this order.
+        ends : s from the interval's begin, ascending, at least one.
         """
         boxes, halves = (
             np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
@@ -877,9 +905,12 @@ class HopfLaxGames(_OnAxes):
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs in the interval from a step, as `_OnAxes.operations` says.
+        """As `_OnAxes.operations`: an estimate of the operations of all inputs in the interval from a step.
 
-        Estimated from `PIECES_COUNTED` pieces of the interval; `crossed` is set here, not raised.
+        It is the mean of `PIECES_COUNTED` pieces of the interval, times the number of pieces. `crossed` is set here,
+        also if it was larger.
+
+        axes : the axes on which the game is played. avoid : whether it is an avoid game; else it is a reach game.
         """
         some, interval, self.crossed = list(axes), self.problem.interval(step), float(self.cells.max())
         grid, pieces = self.problem.grid.subgrid(axes), self.pieces(some, 1.0 if avoid else self.early / self.duration)

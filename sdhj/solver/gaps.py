@@ -86,10 +86,11 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
 def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     """The gaps at a step along the axes that inputs move the target along, by the axis; {} if tubes are one piece.
 
-    They are found from random states in the middle of the target, for neighbouring displacements of the inputs: how far
-    these are apart, less what the target reaches between them and what the disturbance pushes. Of an axis the least
-    push and a small width (the quantile `RARE`) are given; inf where inputs move along it without a gap. {} also where
-    gaps are found at less than a share `RARE` of the states, or the target has no node.
+    Looked for at random states (of seed 0) in the middle of the target, between neighbouring displacements of the
+    inputs (`_pairs`): the width of a gap is the distance of the two, less what the target reaches between them and what
+    the disturbance pushes. For each axis the least push and a small width (the quantile `RARE`) are returned; inf for
+    both where inputs move the target along the axis without a gap. {} also where gaps are found at less than a share
+    `RARE` of the states, or the target contains no node.
     """
     grid, axes, count, t = problem.grid, list(problem.target.axes), len(problem.inputs), problem.time(step)
     some, rng = grid.subgrid(axes), np.random.default_rng(0)
@@ -123,16 +124,18 @@ def _gaps_along(problem: ReachAvoidProblem, step: int) -> dict[int, _Gaps]:
     return found
 
 
-def _pairs(moves: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pairs of neighbours among K moves of each of M states, moves (M, K, axes); at most `MOST_PAIRS`, drawn at random.
+def _pairs(displacements: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pairs of neighbours among the K displacements of each of M states; at most `MOST_PAIRS`, drawn by `rng`.
 
-    Returns the rows of moves, and the places among the K of the first and the second of a pair, first < second:
-    (pairs,) int each. Two moves are neighbours if they differ and no third is nearer to both than they are to each
+    Returns three int arrays (pairs,): the state of each pair, and the indices of its first and second displacement,
+    first < second. Two displacements are neighbours if they differ and no third is nearer to both than they are to each
     other (the relative neighbourhood graph, Toussaint 1980).
+
+    displacements : (M, K, axes), in cells.
     """
-    distances = np.sqrt(((moves[:, :, None] - moves[:, None]) ** 2).sum(axis=3))
+    distances = np.sqrt(((displacements[:, :, None] - displacements[:, None]) ** 2).sum(axis=3))
     far = np.triu(distances > 0)
-    for third in range(moves.shape[1]):
+    for third in range(displacements.shape[1]):
         far &= np.maximum(distances[:, :, third, None], distances[:, None, third]) >= distances * (1 - 1e-9)
     found = np.argwhere(far)
     some = found[np.sort(rng.permutation(len(found))[:MOST_PAIRS])]

@@ -63,8 +63,11 @@ def maxima_over_sets(
 ) -> Iterator[Maxima]:
     """Yield the maxima of `values` (*shape) over x + the set `moved` of each input, successive inputs at a time.
 
-    First over the segments, then over the box, as the module says. interpolation, wanted : as for
-    `sdhj.problem.boxes.maxima`.
+    The maximum is taken over the segments first, at all nodes, then over the box.
+
+    interpolation : {"limited", "linear"}, between nodes.
+    wanted : for each axis the slice of the nodes whose maxima are needed; None: all. `sdhj.problem.boxes.maxima`
+        explains both.
     """
     if not moved.halves.any():
         yield from maxima(grid, values, moved.low, moved.high, interpolation, wanted)
@@ -81,9 +84,12 @@ def maximum_over_paths(
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, max of `values` (*shape) over x + all sets of a path) for every input j, at the wanted nodes.
 
+    All are computed before the first is yielded.
+
     path : the sets that the inputs lead to at successive times, at least two, the longest segments first. Between two
-        of them the corners of boxes are taken to move on straight lines, inside the smallest box that contains both.
-        interpolation, wanted : as for `sdhj.problem.boxes.maxima`. All are computed before the first is yielded.
+        of them the smallest box that contains both is taken, with the segments of the first.
+    interpolation : {"limited", "linear"}, between nodes.
+    wanted : for each axis the slice of the nodes whose maxima are needed; None: all (`sdhj.problem.boxes.maxima`).
     """
     found: dict[int, FloatArray] = {}
     for one, other in pairwise(path):

@@ -26,7 +26,10 @@ class Method(Protocol):
         """The name by which tables and files call it."""
 
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None) -> TubeSets:
-        """The sets of a problem, with which `recursion` fills in the table. progress : as for `sdhj.solve`."""
+        """The sets of a problem, which `recursion` fills in.
+
+        progress : whether to show a progress bar; None: if standard error is a terminal.
+        """
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,9 @@ class HJI(Options):
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE has no
-        moving frame, because they would move differently in it for each input, so it is as inaccurate as
-        `Scheme(frame="fixed")`: it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets
+        the joint PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift these
+        sets would move otherwise for each input. So it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
 
     Raises
     ------
@@ -83,8 +86,11 @@ class HJI(Options):
     def sets(self, problem: ReachAvoidProblem, progress: bool | None = None, former: Former | None = None) -> GridSets:
         """The tubes as level-set functions on the grid, to be filled in by `recursion`.
 
-        Checks memory, states the cost and solves the avoid games. former : an earlier solve, from which all that cannot
-        differ is copied. MemoryError where it does not fit; ValueError where the method does not fit the problem.
+        Checks memory, states the cost and solves the avoid games. MemoryError if the solve does not fit into memory;
+        ValueError if the method does not fit the problem.
+
+        progress : ignored; the progress bar is the caller's.
+        former : an earlier solve, from which all that cannot differ is copied; None: none.
         """
         return GridSets(problem, self, former)
 

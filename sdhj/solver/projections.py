@@ -139,7 +139,11 @@ class ProjectedGames:
         return self._games[axes]
 
     def operations(self, axes: Axes, step: int, avoid: bool = False) -> float:
-        """The operations of all inputs, on all subspaces, of a reach or an avoid game: `_OnAxes.operations`."""
+        """As `sdhj.solver.games._OnAxes.operations`: an estimate of the operations of all inputs, on all subspaces.
+
+        axes : those that the avoid tubes depend on; ignored for a reach game, which is played on all subspaces.
+        avoid : whether it is an avoid game; else it is a reach game.
+        """
         everything = tuple(range(self.problem.grid.ndim))
         if not avoid:
             found = sum(self.on(kept).operations(kept, step) for kept in self.subspaces)
@@ -165,9 +169,12 @@ class ProjectedGames:
         return values
 
     def grouped_reach_sets(self, values: FloatArray, step: int) -> Iterator[Pieces]:
-        """Yield the reach sets of all inputs once, in one group, as pieces on the subspaces.
+        """Yield the reach sets of all inputs at once, as pieces on the subspaces, whose union is inside the true ones.
 
-        Their union is inside the true reach sets.
+        A reach set is that of the states that an input leads into {values <= 0} at the end of the interval from a step.
+        On each subspace it is computed from the inner projection of this set.
+
+        values : (*shape) on the whole grid.
         """
         grid, count, pieces, end = self.problem.grid, len(self.problem.inputs), list[FloatArray](), 0
         shapes = [(count, *grid.subgrid(axes).shape) for axes in self.subspaces]
@@ -191,10 +198,11 @@ class ProjectedGames:
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
         """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
 
-        The result has the shape (L, *subgrid of problem.avoid_axes(unsafe_set)).
+        Returns (L, *subgrid of problem.avoid_axes(unsafe_set)), <= 0 where an input stays clear of the set.
 
         If one subspace keeps all axes that the tubes depend on, they are solved on these, without projection. Otherwise
-        the tubes of the outer projections are united, and `free` says how much of the subspaces these leave free.
+        the safe states for the outer projections to the subspaces are united, and `free` is updated. If no subspace
+        keeps any of the axes, the tubes are constant: the largest value of -g.
         """
         problem = self.problem
         axes = problem.avoid_axes(unsafe_set)
@@ -205,7 +213,7 @@ class ProjectedGames:
         sampled: dict[tuple[float, float], dict[Axes, FloatArray]] = {}
 
         def projected(keep: Axes, t0: float, t1: float) -> FloatArray:
-            """The outer projection of -g over [t0, t1] to the axes `keep`; computed once, and kept."""
+            """The outer projection (*subgrid of `keep`) of max -g over [t0, t1] to these axes; kept for later calls."""
             if (t0, t1) not in sampled:  # once for all subspaces
                 sampled[t0, t1] = self.outer_projections(unsafe_set, axes, obstacle.values_over(t0, t1))
             return sampled[t0, t1][keep]
@@ -222,9 +230,9 @@ class ProjectedGames:
         return united(grid, tubes, local)
 
     def _kept(self, axes: Axes) -> list[Axes]:
-        """Which of some axes each subspace keeps: a list without empty entries, equal ones, and parts of others.
+        """Which of some axes each subspace keeps, without those that keep none, or a part of what another keeps.
 
-        A part of another gives a looser tube.
+        Each tuple of axes comes once, in the order of `subspaces`; [] where no subspace keeps any.
         """
         kept = [tuple(axis for axis in axes if axis in subspace) for subspace in self.subspaces]
         return [k for k in dict.fromkeys(kept) if k and not any(set(k) < set(other) for other in kept)]
@@ -270,9 +278,9 @@ class ProjectedSets(GridSets):
         tell(*self.empty())
 
     def goal(self, step: int) -> None:
-        """Write the entry (step, 0), by copying the tube that `_lost` has written to its position.
+        """Write the entry (step, 0): copy the tube that `_lost` has written to where the entry lies now.
 
-        Nothing is done if that is its position still; where tubes before it are shared, it has moved up.
+        Nothing is done if it lies where `_lost` wrote it; an entry moves up as tubes before it are shared.
         """
         place = self.table.tube_index(step, 0)
         if place != self.goals[step]:

@@ -178,9 +178,9 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     looked = range(0, steps, -(-steps // STEPS_COUNTED)) if timed else range(1)
 
     def share(grid: Grid, axis: int | None, halo: int) -> float:
-        """How many times a grid is gone through, slab by slab: slabs (width + 2 halo) / nodes along the cut axis.
+        """How much larger all slabs with their halos are than the grid: slabs (width + 2 halo) / nodes along `axis`.
 
-        It is 1 where `axis`, the axis of this grid that is cut, is None, or where there is one slab.
+        It is 1 where there is one slab, and where `axis`, along which this grid is cut, is None.
         """
         n = 1 if axis is None or slabs == 1 else grid.shape[axis]
         return 1.0 if n == 1 else slabs * min(plan.layout.width + 2 * halo, n) / n
@@ -251,36 +251,39 @@ class InputRows:
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
         self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
         self.highest = self.static.max(axis=2)
-        self.static_at, self.moving_at = (self._places(some, last) for some in axes)
+        self.static_at, self.moving_at = (self._part_at(some, last) for some in axes)
 
     def as_rows(self, values: FloatArray, lead: int = 0) -> FloatArray:
         """A view in rows, (lead..., R, size), of values (lead..., *shape) with `lead` axes before those of the grid."""
         return values.reshape(*values.shape[:lead], -1, self.size)
 
-    def _places(self, axes: Axes, last: int = 1) -> FloatArray:
-        """For each part of the grid, which part of a function on some `axes` belongs to it: (parts,) int, a new array.
+    def _part_at(self, axes: Axes, last: int = 1) -> FloatArray:
+        """For each part of the grid, the number of the part of a function that belongs to it: (parts,) int, new.
 
-        A part of the grid is all nodes of its `last` last axes; parts of the function are counted in C order over those
-        of its axes that are not among these.
+        axes : the axes of the grid that the function depends on.
+        last : of how many of the grid's last axes a part has all nodes. Parts of the grid are in C order over its other
+            axes; parts of the function are numbered in C order over those of these that it depends on.
         """
         leading = self.grid.shape[: self.grid.ndim - last]
         shape = [n if axis in axes else 1 for axis, n in enumerate(leading)]
-        places = np.arange(math.prod(shape)).reshape(shape)
+        numbers = np.arange(math.prod(shape)).reshape(shape)
         # a copy: `add_inputs` would be compiled once more for a view, which may not be written to
-        return np.broadcast_to(places, leading).flatten()
+        return np.broadcast_to(numbers, leading).flatten()
 
     def _lines(self, axes: tuple[Axes, ...], number: int) -> tuple[Any, ...]:
-        """begin, at, width and nodes as `add_inputs` takes them, for reach sets of inputs that are given in pieces.
+        """Where the kernel `add_inputs` finds reach sets that are given in pieces: (begin, at, width, nodes).
 
-        The pieces lie one after the other in a flat array: for each entry of `axes`, the axes of one piece, the
-        functions of `number` inputs on the subgrid of these axes. A line is the part of a piece that belongs to the
-        nodes of the grid's last axis; if there is one piece, on all axes, it is a row. Computed once for each pair of
-        arguments.
+        The pieces lie one after the other in a flat array. A line of the grid is all nodes of its last axis or, if
+        there is one piece, on all axes, a row; `nodes` is how many. The values of piece p and input j begin at
+        begin[p, j]; of them, width[p] (1 or `nodes`) are for one line, and at[p, i] says which these are for line i of
+        the grid. Computed once for each pair of arguments.
+
+        axes : for each piece the axes that it depends on. number : of how many inputs each piece has the functions.
         """
         if (axes, number) not in self._known_lines:
             last, whole = self.grid.ndim - 1, axes == (tuple(range(self.grid.ndim)),)
             nodes = self.size if whole else self.grid.shape[-1]
-            at = np.arange(self.grid.size // nodes)[None] if whole else np.stack([self._places(some) for some in axes])
+            at = np.arange(self.grid.size // nodes)[None] if whole else np.stack([self._part_at(some) for some in axes])
             sizes = [self.grid.subgrid(some).size for some in axes]
             ends = np.cumsum([0, *(number * size for size in sizes[:-1])])
             begin = ends[:, None] + np.outer(sizes, np.arange(number))
@@ -304,10 +307,10 @@ class InputRows:
         start: FloatArray,
         some: FloatArray | None = None,
     ) -> None:
-        """Unite the reach-avoid sets of some inputs with `start` to `tube`, and mark where they hold, in place.
+        """Write the union of `start` and of the reach-avoid sets of some inputs into `tube`, and mark these inputs.
 
-        The value of input j is max(reach_j, avoid_j), and tube = min(start, values of these inputs); `add_inputs` does
-        it.
+        The value of input j is max(reach_j, avoid_j), and tube = min(start, values of these inputs). The kernel
+        `add_inputs` computes it, in place.
 
         tube : (*shape), contiguous, written over.
         marks : (bytes, *shape) uint8. Bit j % 8 of byte j // 8 says whether the value of input j is <= 0; the bits of
@@ -382,7 +385,7 @@ def work(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[Task, list[boo
 def _goal(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     """The entry (step, 0) on a task's slab, the target minus the unsafe sets: [tube, marks], for `arrays.write`.
 
-    With a `Sensing` the tube is eroded by the box E of the prediction error. No input is marked.
+    With a `Sensing` the tube is eroded by the box E of the prediction error. All marks are 0.
     """
     problem = plan.problem
     part = problem.on(plan.slab(task.slab))
@@ -417,7 +420,7 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     return [tube, marks]
 
 
-def written_out(problem: ReachAvoidProblem, games: Any) -> bool:
+def must_write_out(problem: ReachAvoidProblem, games: Any) -> bool:
     """Whether reach sets have to be written out on the grid, input by input, before they are united.
 
     They have to on a padding, with a `Sensing`, and where the games have no `grouped_reach_sets`.
@@ -431,10 +434,13 @@ def _reach_sets(
     """Yield the reach sets of all inputs for the set {values <= 0} to be in at the end of the interval from a step.
 
     Some inputs come at a time, all of one byte of marks together, on the problem's grid without its padding. With a
-    `Sensing` that has no memory they are eroded by the box E of the prediction error.
-    values : (*shape) on the padded grid. patch : the part to be solved, or None for all; only for games that take one.
+    `Sensing` that has no memory the reach sets are eroded by the box E of the prediction error.
+
+    games : of `problem.padded`.
+    values : (*shape) on the padded grid.
+    patch : the part to be solved, for games with `patches`, or None for all; ignored where `must_write_out` is true.
     """
-    if not written_out(problem, games):
+    if not must_write_out(problem, games):
         yield from games.grouped_reach_sets(values, step, *[patch] * bool(patch))
         return
     inner, reach_sets = problem.padded.grid.inner, games.reach(values, step)
@@ -443,7 +449,7 @@ def _reach_sets(
 
 
 def _avoid(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[list[FloatArray], list[bool]]:
-    """The avoid tubes of all inputs, for all dangers of a task's kind, on its slab, and who is in danger.
+    """The avoid tubes of all inputs, of all avoid games of a task's kind, on its slab, and which games have danger.
 
     Returns [tubes (L, *subgrid)], as `arrays.write` takes it, and for each avoid game of the kind whether any node is
     in danger, that is whether a value is > 0. The tubes are the maximum over the dangers, and with a `Sensing` eroded
@@ -553,7 +559,7 @@ class GridSets:
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
         self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
-        patches = not written_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        patches = not must_write_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
         self.former = former if patches else None
         # none of its own, which would know `self`: the table would stay until garbage is collected
         self.run = slabs.run
@@ -570,10 +576,12 @@ class GridSets:
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
-        """The plan of a solve in memory, in one slab, for `Slabs`.
+        """The plan of a solve by a method in memory, in one slab.
 
-        MemoryError where the solve does not fit. States the cost (`begin`), and warns of what the grid does not
-        resolve.
+        States the cost on the progress bar (`begin`), and warns of what the grid does not resolve. MemoryError if the
+        solve does not fit into memory.
+
+        former : an earlier solve, from which what cannot differ is copied; None: none.
         """
         dtype = method.options.get("dtype", "float32")
         needed = memory_needed(problem, dtype) + (former.table.tubes.nbytes if former else 0)  # of what it keeps
@@ -589,10 +597,8 @@ class GridSets:
     def _avoid_tubes(self) -> None:
         """Write the avoid tubes into the arrays, static ones once and moving ones for each step.
 
-        Those of the former solve are copied if they are the same.
-
-        Slabs that a resumed store already has are not solved. Unless there are such, warns of unsafe sets that no node
-        is in danger of.
+        If none can differ from those of the former solve, its array is used itself. Slabs that a resumed store already
+        has are not solved. Unless there are such slabs, warns of unsafe sets that no node is in danger of.
         """
         met, looked_at = set[int](), True
         for kind, games in self.plan.avoid.items():
@@ -612,9 +618,9 @@ class GridSets:
                 tell(never_met(unsafe_set))
 
     def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
-        """The former solve's avoid tubes of a kind, as `arrays` has them, if none of them can differ; else None.
+        """The former solve's avoid tubes of a kind, a view, if none of them can differ; else None.
 
-        kind : "avoid_static" gives (L, *subgrid), "avoid_moving" (most_steps, L, *subgrid).
+        kind : "avoid_static" for an array (L, *subgrid), "avoid_moving" for (most_steps, L, *subgrid).
         """
         moves, found = kind == "avoid_moving", [game.danger for game in self.plan.avoid[kind]]
         former, times = self.plan.former, self.problem.most_steps if moves else 1
@@ -622,9 +628,12 @@ class GridSets:
         return same if same is None or moves else same[0]
 
     def _do(self, task: Task) -> list[Any]:
-        """Do a task on each slab where it has not been done, enter these in the ledger, and tick all of them.
+        """Do a task on each slab that is not finished yet, and enter these in the ledger; tick finished ones, too.
 
-        Returns for each slab that was done what `work` says of danger: a list of bool, one for each avoid game.
+        Returns, for each slab that was done now, a list of bool: for each avoid game of the task's kind whether any
+        node is in danger; [] for other tasks.
+
+        task : whose `slab` is ignored.
         """
         tasks = [task._replace(slab=slab) for slab in range(self.plan.layout.slabs_of(task.array))]
         todo = [one for one in tasks if not self.arrays.there(one.written)]

@@ -76,7 +76,9 @@ def _once(
 ) -> Finding | None:
     """What find(problem, unsafe_set, t, *more) returns; if the set is a formula, kept with it after the first call.
 
-    The next problem may have the same formula. more : further arguments of `find`, hashable.
+    A later call for an equal set, grid and t, also of another problem with the same formula, returns what was kept.
+
+    more : further arguments of `find`, hashable.
     """
     level_set, known = unsafe_set.level_set, dict[Any, Finding | None]()
     if isinstance(level_set, Formula):
@@ -90,9 +92,9 @@ def _once(
 def losing_to_error(problem: "ReachAvoidProblem") -> Finding | None:
     """The finding that errors of a `Sensing` without memory cost more along an axis than the inputs change, or None.
 
-    Of the first axis along which an interval costs 2 E, and 2 E is at least half of the range of velocities under all
-    inputs times delta. Velocities are those at `STATES` random states (of seed 0) at the first step, without a
-    disturbance.
+    It names the first axis along which 2 E, what the errors cost in an interval, is at least half the range of the
+    velocities under all inputs, times delta. Axes along which the inputs change nothing are left out. Velocities are
+    without a disturbance, at the first step, at `STATES` random states (of seed 0). None also without a `Sensing`.
     """
     sensing, grid = problem.sensing, problem.grid
     if not sensing or sensing.remembers:
@@ -231,10 +233,12 @@ def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding |
 def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so: str = IGNORED) -> Finding | None:
     """The finding that part of an unsafe set lies between the nodes at time t; None where no such part is found.
 
-    It lies in a cell no corner of which, nor of the cell's neighbours, is in the set. Cells are searched whose least
-    corner is below half the sum of the largest changes from node to node, those of the least corner first, for at most
-    `SOUGHT` values in all.
-    so : what follows from it, the end of a sentence.
+    Such a part lies in a cell of which no corner, nor any corner of a neighbouring cell, is in the set. A cell is
+    searched if the least value at its corners is at most half the sum, over the axes, of the largest change between
+    neighbouring nodes; those of least value come first. At most about `SOUGHT` values of the function are computed, so
+    a part may be overlooked.
+
+    so : what follows from it, the end of the finding's sentence.
     """
     grid, values = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t)
     spacing = np.array(grid.spacing)
@@ -278,10 +282,11 @@ def _hidden(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float, so:
 
 
 def _abrupt(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: float) -> Finding | None:
-    """The finding that a level-set function jumps at the set's boundary at time t; None where it does not.
+    """The finding that a level-set function g jumps at the set's boundary at time t; None if it does not.
 
-    It does if the median of |g| / |change of g between the two nodes|, at zeros of the interpolant on edges of cells,
-    is `ABRUPT` or more.
+    It does if the median of |g(z)| / |change of g between two nodes| is `ABRUPT` or more. The two are neighbours, one
+    inside and one outside, and z is the zero of the linear interpolant between them. Of each axis at most `CROSSINGS`
+    pairs are looked at, drawn at random (seed 0). None also if there are no such pairs.
     """
     grid, values, off = problem.grid.subgrid(unsafe_set.axes), problem.unsafe_at(unsafe_set, t), list[FloatArray]()
     rng = np.random.default_rng(0)

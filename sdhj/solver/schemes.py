@@ -193,8 +193,8 @@ def _neighbour(node: FloatArray, grid: Grid, axis: int) -> FloatArray:
 def _padded(grid: Grid, layout: Layout, values: FloatArray, dtype: str) -> FloatArray:
     """A new array of values (*grid.shape) with ghost nodes, as the kernels read them by the layout.
 
-    Ghost nodes lie before and behind those of the last two axes, of the last one on a grid of one axis. The result has
-    an axis for each of the grid.
+    Ghost nodes lie before and behind those of the last two axes, or of the only one. The result, of `dtype`, has as
+    many axes as the grid.
     """
     rows, planes, n, g = layout.rows + 2 * layout.top, layout.near.shape[0], layout.nodes, layout.ghosts
     out = np.empty((planes, rows, layout.width), dtype)
@@ -223,8 +223,10 @@ def _field(
 ) -> FloatArray:
     """A new array of functions on the grid as the kernels read them: (count, leading..., nodes with ghosts).
 
-    parts : (count, leading..., *grid.shape); or (count, leading...) if they are constant, of which the result has one
-        plane that serves for all. leading : how many axes stand between `count` and those of the grid.
+    parts : (count, leading..., *grid.shape); or (count, leading...) for functions that are constant, of which the
+        result has one plane of nodes, which kernels read for all planes.
+    leading : how many axes stand between `count` and those of the grid.
+    dtype : of the result.
     """
     plane, shape = (layout.rows + 2 * layout.top) * layout.width, (len(parts), *parts[0].shape[:leading])
     if parts[0].ndim == leading:
@@ -236,7 +238,10 @@ def _field(
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """What `_arranged` makes of velocities; kept with the velocities if they keep such arrays (`Velocities.terms`)."""
+    """Velocities as the kernel `stage` reads them: what `_arranged` returns, to be read only.
+
+    It is kept with the velocities, for each layout and dtype, if they have a dict `Velocities.terms`.
+    """
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)
     if (known := terms.get((id(layout), dtype))) is None:
@@ -335,8 +340,8 @@ def evolve(
 def together(grid: Grid, velocities: Sequence[Velocities], scheme: Scheme) -> tuple[FloatArray, ...] | None:
     """The velocities of several inputs as `stage` reads them: the tuple of `_arranged`, with a leading axis for inputs.
 
-    1 / dx has no such axis. None where they are not all of one form, such as a constant box beside one that depends on
-    the state.
+    1 / dx has no such axis. None where velocities are not all of one form, for example a constant box and one that
+    depends on the state.
     """
     terms = [_terms(grid, layout_of(grid, scheme.order), one, scheme.dtype) for one in velocities]
     if len({tuple(part.shape for part in term) for term in terms}) > 1:
@@ -359,9 +364,8 @@ def evolve_each(
 
     groups : inputs that have the same number of time steps: (their numbers, their velocities by `together`, that
         number). All groups together have the inputs 0 to L - 1, each once.
-    scratch : a dict, in which work arrays are kept for the next call; fresh memory would cost half of the time on small
-        grids.
-    duration, scheme, obstacle, planes : as for `evolve`.
+    scratch : a dict in which work arrays are kept for the next call, which overwrites them; None: they are made anew.
+    duration, scheme, obstacle, planes : the arguments of `evolve`; the obstacle may depend on tau.
     """
     out = np.empty((sum(len(inputs) for inputs, _, _ in groups), *grid.shape), scheme.dtype)
     for inputs, terms, steps in groups:
@@ -387,12 +391,14 @@ def _evolved(
     terms : terms(tau) are the velocities of the inputs as `stage` reads them.
     scratch : a dict, in which work arrays are kept for the next call with it; the result is one of them, and is
         overwritten then. None: new arrays, only for count = 1.
-    duration, scheme, obstacle, steps, planes : as for `evolve`.
+    obstacle : None, an array (*shape), or a function of tau that returns one.
+    steps : the number of time steps; with 0 the values are returned, at least as high as the obstacle.
+    duration, scheme, planes : the arguments of `evolve`.
     """
     layout, dt, none = layout_of(grid, scheme.order), duration / max(steps, 1), np.empty((0,) * grid.ndim, scheme.dtype)
 
     def arranged(g: Any) -> FloatArray:
-        """A copy of a grid function with ghost nodes, at most `most_on_padding`; for None an array without entries."""
+        """A grid function (*shape) with ghost nodes, out of danger on the padding, new; for None an array of size 0."""
         return none if g is None else _padded(grid, layout, out_of_danger(grid, np.asarray(g)), scheme.dtype)
 
     phi, obstacle_at = arranged(values)[None], _over_time(obstacle, arranged)
@@ -407,7 +413,7 @@ def _evolved(
     layouts = _layouts(grid, scheme, layout, steps, planes)
 
     def euler(source: FloatArray, out: FloatArray, now: float, then: float, keep: float) -> None:
-        """One stage, in place: out = keep out + (1 - keep) (source + dt H(now)), at least the obstacle at `then`."""
+        """One stage, into `out`: keep out + (1 - keep) (source + dt H(source, now)), >= the obstacle at `then`."""
         stage(source, out, obstacle_at(then), terms(now), order, flux, next(layouts), (kind(dt), kind(keep)))
         if most.size:
             np.minimum(out, most, out=out)
@@ -424,8 +430,8 @@ def _evolved(
 def _layouts(grid: Grid, scheme: Scheme, layout: Layout, steps: int, planes: FloatArray | None) -> Iterator[Layout]:
     """Yield the layout for each stage of `steps` time steps, from the first to the last, with the planes it writes.
 
-    planes : those that have to be right in the end; earlier stages write also what later ones read. None: all planes,
-        for ever.
+    planes : (*shape[:-2]) bool, the planes that have to be right in the end; earlier stages also write what later ones
+        read. None: all planes, and the layout is yielded without end.
     """
     if planes is None:
         return repeat(layout)
@@ -449,10 +455,12 @@ def evolve_stopped(
 ) -> FloatArray:
     """Solve the equation of `evolve` where the adversary may stop up to `early` s before the end: (*shape), new.
 
-    Phi = max over all durations from duration - early to duration. Velocities and obstacle may not depend on tau if
-    early > 0. Stopping is worth `values`, which therefore are an obstacle for the first `early` s of tau.
+    Phi = max over all durations from duration - early to duration: for the first `early` s of tau, `values` are an
+    obstacle, too.
 
-    steps : only used where early is 0. values, velocities, duration, scheme, obstacle : as for `evolve`.
+    early : s, from 0 to `duration`. If it is not 0, velocities and obstacle may not depend on tau.
+    steps : ignored unless `early` is 0.
+    values, velocities, duration, scheme, obstacle : the arguments of `evolve`, which also lists the errors raised.
     """
     if early:  # stopping is worth `values`: until it is too late for that they are an obstacle
         stop = values if obstacle is None else np.maximum(values, obstacle)

@@ -133,12 +133,12 @@ class Plan:
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
     def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
-        """The games by which an avoid game is played on slab `number`, and where the slab is in their tubes.
+        """The games by which an avoid game is played on slab `number`, and where the slab lies in their tubes.
 
-        The second is an index of the tubes' nodes, without the axis of inputs.
+        The second is a slice for each axis of the tubes, without that of the inputs.
 
-        The games are new, on the slab with its halo; a game that is not cut is played on all of its grid, and one on
-        the padded grid of the only slab by `whole`.
+        An avoid game that is not cut is played on all of its grid, else on the slab with its halo, by new games each
+        time. With one slab, avoid games on the padded grid are played by `whole`.
         """
         problem, inside = game.danger.problem, game.danger.inside
         if problem is self.problem.padded and self.layout.slabs == 1:
@@ -191,8 +191,10 @@ def nodes_read_in_a_step(scheme: Scheme) -> int:
 def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[Axes, Any]:
     """{axes: time steps (L,) of each input} of games on `axes` on the whole grid, for the `counted` of games on slabs.
 
-    {} for methods other than "hji", and for velocities that do not depend on the state, where each slab finds the same
-    number by itself. The whole grid is gone through in parts, to save memory.
+    {} for methods other than "hji", and for velocities that do not depend on the state, for which each slab finds the
+    same numbers by itself. The whole grid is gone through in parts, to save memory. Velocities must not depend on time.
+
+    method : an `HJI`, or another method with a `name`. problem : on the whole grid, which has `axes`.
     """
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
@@ -270,9 +272,13 @@ def slab_window(grid: Grid, axis: int, span: tuple[int, int], halo: int) -> tupl
 def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: int = 12, times: int = 1) -> int:
     """Upper estimate of the bytes that the games of one interval on `grid` take; never more for a smaller grid.
 
-    These are the samples; the stages with ghost nodes and shifted copies, as `arrays` arrays of the grid's size and
-    `dtype`; and velocities that depend on the state, kept for all inputs, at `times` times, up to `KEPT` bytes. On
-    small grids all inputs are solved at once (`HJIGames.groups`).
+    These are the samples of level-set functions, the work arrays, and velocities that depend on the state, kept for all
+    inputs up to `KEPT` bytes. On small grids work arrays and velocities are those of all inputs at once
+    (`HJIGames.groups`).
+
+    dtype : "float32" or "float64".
+    arrays : how many work arrays of the grid's size and `dtype` there are, such as stages and shifted copies.
+    times : at how many times of the interval velocities are kept.
     """
     dynamics, axes, item, count = problem.dynamics, range(grid.ndim), np.dtype(dtype).itemsize, len(problem.inputs)
     found = grid.sampling_bytes + arrays * item * grid.size
@@ -288,11 +294,12 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
 
 
 def read_window(arrays: Arrays, array: str, position: int, window: Grid) -> FloatArray:
-    """The entry at `position` of an array ("tubes", ...) at the nodes of a window: (*window.shape).
+    """The entry at `position` of an array at the nodes of a window: (*window.shape), to be read only.
 
-    The window may reach around the ends of a periodic axis.
+    A view where the window lies in one piece, else a copy.
 
-    A read-only view where it lies in one piece, else a copy.
+    array : "tubes", or "avoid_static" and "avoid_moving" where these depend on all axes.
+    window : a `Grid`, or a part of one (`Grid.stretch`), which may reach around the ends of a periodic axis.
     """
     first = getattr(window, "first", (0,) * window.ndim)
     runs = [(begin, begin + n) for begin, n in zip(first, window.shape, strict=True)]
@@ -300,10 +307,11 @@ def read_window(arrays: Arrays, array: str, position: int, window: Grid) -> Floa
 
 
 def _around_ends(arrays: Arrays, array: str, position: int, runs: Runs, whole: tuple[int, ...]) -> FloatArray:
-    """The part of an entry with the nodes `runs`, (begin, end) of each axis of a grid of shape `whole`.
+    """The nodes `runs` of the entry at `position` of an array, as `sdhj.table.store.Arrays.read` returns them.
 
-    array, position : as for `Arrays.read`. An end past the upper one of a periodic axis goes on at the lower one; then
-        pieces are joined to a copy.
+    runs : (begin, end) for each axis. Past its length in `whole` an axis goes on at its first node; the pieces are then
+        joined to a copy.
+    whole : the shape of the grid.
     """
     for axis, (begin, end) in enumerate(runs):
         if end > whole[axis]:

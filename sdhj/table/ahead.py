@@ -20,14 +20,15 @@ NO_TAPES = program(()) * 3
 def prepared(
     problem: ReachAvoidProblem, step: int, axes: Sequence[FloatArray], tapes: Sequence[Packable], checks: bool
 ) -> Tape:
-    """All that compiled look-ups read of a problem at a step, packed into one `Tape` in their order.
+    """All that compiled look-ups read of a problem at a step, packed into one `Tape` in the order that they read.
 
-    These are the grid and its ends, the axes of the avoid tubes, the instants at which the true sets are looked at,
+    These are the grid and its ends, the axes of the avoid tubes, the instants at which the true sets are evaluated,
     under which inputs each set is unsafe, and the formulas of sets and paths.
 
+    step : from 0 to N; at N the begin of an interval is the only instant.
     axes : the axes of the static and of the moving avoid tubes, two int arrays.
-    tapes : `tapes_of` the problem, or `NO_TAPES` where a set is a black box.
-    checks : whether the true sets are looked at; if not, there are no instants.
+    tapes : what `tapes_of` returns for the problem, or `NO_TAPES` where a set is a black box.
+    checks : whether the true sets are evaluated; if not, there are no instants.
     """
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
@@ -67,7 +68,7 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
     """
 
     def put(one: Node) -> Node | None:
-        """What replaces a leaf of the set's function: a coordinate of the state, the time, or None."""
+        """What replaces a node of the set's graph: a coordinate of the state, the time, or None to keep the node."""
         return leaf("x", part.axes[one.value[0]] if one.op == "x" else time) if one.op in ("x", "p") else None
 
     return rebuilt(part.level_set.outputs, put)[0]
@@ -76,13 +77,17 @@ def _timed(part: UnsafeSet | TargetSet, time: int) -> Node:
 def choose_by_true_sets(
     table: Any, batch: Any, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int
 ) -> None:
-    """Check some rows (R,) of a batch by the true sets, as `sdhj.kernels.lookup.decide` does, but in Python.
+    """Check some rows (R,) of a batch by the true sets, in Python, for level-set functions of any kind.
 
-    It takes level-set functions of any kind. It writes into the batch: `best` becomes the input of least score that
-    passes; inputs that fail are no longer `safe`; steps_to_go of a state in an unsafe set becomes -1; and 0 becomes 1,
-    or -1 at the last step, where the true target does not have the state.
+    It does what the compiled `sdhj.kernels.lookup.decide` does for formulas, and writes into the batch: `best` becomes
+    the input of least score that passes; inputs that fail are no longer `safe`; steps_to_go of a state in an unsafe set
+    becomes -1; and 0 becomes 1, or -1 at the last step, where the state is not in the true target.
 
-    table : the `Table`. ends (4 + K, L, ndim, 1 or R), scores (M, L), checks : as in `decide`.
+    table : the `Table` that has answered the batch.
+    rows : (R,) int, the states of the batch that are checked.
+    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.ahead` returns it.
+    scores : (M, L), the least first, for all states of the batch.
+    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._decide` explains.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]

@@ -16,7 +16,7 @@ ON_TIME = 1e-9  # of a sampling interval: what rounding may move a sampling time
 def interpolated(problem: ReachAvoidProblem, values: Sequence[FloatArray]) -> Callable[[FloatArray, float], FloatArray]:
     """A level-set function (points (M, ndim), t) -> (M,): at the time t_k of a step the step's tube, interpolated.
 
-    At other times it is 1 everywhere: nothing is inside. If nothing depends on time, the one tube is meant at any time.
+    At other times it is 1 everywhere: nothing is inside. If nothing depends on time, it is the one tube at any time.
 
     values : the tubes at the nodes, each of grid.shape, of the steps 0 to N; one, if nothing depends on time. They are
         copied.
@@ -47,7 +47,7 @@ def _tube(grid: Grid, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
     least, greatest = (grid.lower - SLACK * spacing)[bounded], (grid.upper + SLACK * spacing)[bounded]
 
     def tube(points: FloatArray) -> FloatArray:
-        """The interpolated tube at points (M, ndim); `beyond` where they are off a bounded axis."""
+        """The interpolated tube at points (M, ndim): (M,); max(1, greatest value) where they are off a bounded axis."""
         places = points[:, bounded]
         outside = ((places < least) | (places > greatest)).any(axis=1)
         return np.where(outside, beyond, table(points)) if bounded.size else table(points)

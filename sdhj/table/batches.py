@@ -39,7 +39,7 @@ class Batch(NamedTuple):
     ----------
     states : (M, ndim) array
     step, within : int
-        The step k, and the steps to go by which inputs are judged where they are more than the fewest.
+        The step k; and n: an input is safe if it leads into the tube with max(steps_to_go, n) - 1 steps to go.
     steps_to_go : (M,) int array
         Fewest steps in which the target is reached safely; without a target, the number of steps that are left. -1 for
         states that are not admissible.
@@ -90,8 +90,8 @@ class Batch(NamedTuple):
 def entry(steps: int, start: int, within: int) -> int:
     """Position of (start, within) in a list of all entries, the rows k of Fig. 8 one after the other.
 
-    It is k (N + 1) - k (k - 1) / 2 + n, for N = steps, k = start, n = within from 0 to N - k; arrays of starts or
-    withins give arrays. Nothing is checked.
+    It is k (N + 1) - k (k - 1) / 2 + n, for N = steps, k = start from 0 to N and n = within from 0 to N - k; for int
+    arrays `start` or `within` it is an array. Nothing is checked: other pairs give the position of another entry.
     """
     return start * (steps + 1) - start * (start - 1) // 2 + within
 
@@ -392,12 +392,14 @@ class Table:
         return self.answers(states_array("states", states, self.grid.ndim), step, within)  # a copy: rules read it later
 
     def answers(self, states: FloatArray, step: int, within: int = 1, scores: FloatArray | None = None) -> Batch:
-        """What `batch` says of states (M, ndim) that are finite and that nobody writes later; they are not copied.
+        """As `Table.batch`, for states that have been checked: steps to go, safe inputs and margins.
 
-        An input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. `within` is at most N
-        - step; without a target it is ignored, and is N - step. scores : (M, L), `best` is the safe input of least
-        score that also passes the check with the true sets, and of equals that of least depth; None: by depth alone.
-        ValueError where `step` is none from 0 to N.
+        states : (M, ndim), finite, which is not checked. They are not copied, and must not be written later.
+        step : k; ValueError unless it is a whole number from 0 to N.
+        within : an input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. Above
+            N - step, and without a target always, N - step is used.
+        scores : (M, L), or None for the depths. `best` is the safe input of least score that also passes the check with
+            the true sets, and of equals that of least depth.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
@@ -413,12 +415,15 @@ class Table:
         return batch
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch in place, and check them by the true sets; several threads call it at once.
+        """Fill in some rows of a batch in place, and check them by the true sets; several threads call it at once.
 
-        `best` becomes the safe input of least score (M, L) that the true sets pass; inputs that fail before it are
+        `best` becomes the safe input of least score that passes the check; inputs of less score, which fail it, are
         removed from `safe`, and steps_to_go of a state in an unsafe set becomes -1.
-        checks : `TRUE_SETS_TOO`: all fields are computed from the tubes first, and are those of a state that is not
-            admissible where it is in an unsafe set. `TRUE_SETS_ONLY`: all fields have been filled in before.
+
+        scores : (M, L), for all states of the batch.
+        checks : `TRUE_SETS_TOO`: all fields are first computed from the tubes (`_answer`). `TRUE_SETS_ONLY`: all fields
+            have been filled in before.
+        rows : (R,) int; calls at the same time have different rows.
         """
         ends = NOWHERE if self.proved else self.problem.interval(batch.step).ahead(batch.states[rows])
         if checks == TRUE_SETS_TOO:
@@ -455,17 +460,20 @@ class Table:
     def _answer(self, batch: Batch, rows: FloatArray, ends: FloatArray) -> None:
         """To be implemented: fill in some rows (R,) of a batch in place from the tubes alone, without the true sets.
 
-        That is steps_to_go, safe, margins, game if there is one, and best by depth. ends (4 + K, L, ndim, 1 or R) :
-        what inputs lead to from the states of these rows (`Interval.ahead`). Without a target steps_to_go is 0 for
-        states in the tube, else -1. Called from several threads at once, for different rows.
+        These are steps_to_go, safe, margins, game if there is one, and best, by depth. Without a target steps_to_go is
+        0 for states in the tube, else -1. Called from several threads at once, for different rows.
+
+        rows : (R,) int.
+        ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from the states of these rows, as
+            `sdhj.problem.interval.Interval.ahead` returns it; an empty array for proved tables, which need none.
         """
         raise NotImplementedError
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state the safe input of least score (M, L) that the true sets pass: (M,) int.
 
-        Of equals it is that of least depth; if no safe input passes, it is `Batch.best`. The batch, which this table
-        has answered, is not changed.
+        Of equals it is that of least depth; if no safe input passes, it is `Batch.best`; -1 for states that are not
+        admissible and at the last step. The batch, which must be one of this table's, is not changed.
         """
         to_go = np.where(batch.steps_to_go < 0, NOT_ADMISSIBLE, batch.steps_after + 1)
         checked = batch._replace(within=1, steps_to_go=to_go, safe=batch.safe.copy(), best=batch.best.copy())
@@ -475,21 +483,25 @@ class Table:
     def chosen(self, batch: Batch, rule: str) -> FloatArray:
         """To be implemented by proved tables: which input each state of a batch gets by a built-in rule, (M,) int.
 
-        rule : a name of `RULES`. -1 for states that are not admissible and at the last step.
+        -1 for states that are not admissible and at the last step.
+
+        rule : a key of `sdhj.table.rules.RULES`.
         """
         raise NotImplementedError
 
     def next_bounds(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The box in which a controller that remembers goes on, and how far from it the next measurement may be.
+        """The box in which a controller that remembers goes on, and how far from it the next prediction may be.
 
         Returns the lower and the upper corner, (M, ndim) each: the ends of the undisturbed paths for the longest and
         the shortest interval, by `STRIDES` Runge-Kutta steps, widened by `problem.error_growth` and clipped to the
         grid; and 2 E, (ndim,) or (M, ndim): E of the prediction and E of the point, or E alone where the state is known
         to be at a wall.
 
-        points : (M, ndim), what the controller carried to the step. inputs : (M,) int, what it applied then. step : k.
+        points : (M, ndim), those that the controller carried to the step.
+        inputs : (M,) int, indices of the inputs that it applied from there.
+        step : k, from 0 to N - 1; not checked.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
         still, (longest, early) = (
@@ -510,11 +522,14 @@ class Table:
     ) -> tuple[FloatArray, FloatArray]:
         """The points (M, ndim) with which a controller that remembers goes on, and where it cannot: bool (M,).
 
-        The points are the predictions `seen` (M, ndim) of the next step, clipped to the box of `next_bounds` (*Memory*
-        in `sdhj.problem.sensing`). A controller cannot go on where a prediction is farther from the box than errors
-        explain; its point is then the prediction, with which it begins anew.
+        The points are the predictions, clipped to the box of `next_bounds` (*Memory* in `sdhj.problem.sensing`). A
+        controller cannot go on where a prediction is farther from the box than errors explain; its point is then the
+        prediction, with which it begins anew.
 
-        points, inputs, step : as in `next_bounds`.
+        points : (M, ndim), those that the controller carried to the step.
+        inputs : (M,) int, indices of the inputs that it applied from there.
+        step : k, from 0 to N - 1; not checked.
+        seen : (M, ndim), the predictions of step k + 1, on any lap around a periodic axis.
         """
         low, high, off = self.next_bounds(points, inputs, step)
         length, periodic = np.subtract(self.grid.upper, self.grid.lower), np.array(self.grid.periodic)
@@ -533,8 +548,9 @@ class Table:
         corners (point 6 of `notebooks/site/queries.md`). What is past a safe end no longer matters. Proved tables pass
         every input.
 
-        inputs : (M,) int, indices into problem.inputs. step : k, at which they start. left : (M,) int, the steps to go
-            after the interval.
+        inputs : (M,) int, indices into problem.inputs.
+        step : k, at which the inputs start, from 0 to N - 1.
+        left : (M,) int, the steps to go after the interval, at least 0.
         """
         safe = inputs[:, None] == np.arange(len(self.problem.inputs))
         checked = Batch(states, step, 1, left + 1, safe, np.zeros(safe.shape), np.full(len(safe), NOT_ADMISSIBLE))
@@ -619,15 +635,28 @@ class Table:
 
     @property
     def nbytes(self) -> int:
-        """Bytes that the table takes in memory, or, for a stored table, that it would take."""
+        """To be implemented: bytes that the table takes in memory or, for a stored table, that it would take."""
         raise NotImplementedError
 
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Level-set function of the tube (start, within) at the nodes, or cells, <= 0 inside: array of grid.shape."""
+        """To be implemented: the level-set function of the tube (start, within), <= 0 inside: array of grid.shape.
+
+        At the nodes of the grid, or for the cells of a certified table.
+
+        start : k, the step at which the robot is there, from 0 to N. within : n, the most steps that it may take; None,
+            or more, for all that are left, N - start. ValueError if one does not fit.
+        """
         raise NotImplementedError
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe and make progress in a tube at each node, or cell: bool, grid.shape + (L,)."""
+        """To be implemented: which inputs lead from each node, or cell, into the next tube: bool, grid.shape + (L,).
+
+        That is those that stay clear of the unsafe sets and lead into the tube with within - 1 steps to go; none if
+        `within` is 0.
+
+        start : k, the step at which the robot is there, from 0 to N. within : n, the most steps that it may take; None,
+            or more, for all that are left, N - start. ValueError if one does not fit.
+        """
         raise NotImplementedError
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -641,11 +670,13 @@ def threads() -> int:
 
 
 def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]) -> None:
-    """Call `work(rows)` for parts (R,) of the row numbers of states (M, ndim), int, so that each row comes once.
+    """Call `work(rows)` for parts of the rows 0 to M - 1 of states (M, ndim), so that each row comes once.
 
-    Up to `CHUNK` states come in one call, in their order, in this thread; none at all if M is 0. More are sorted by the
-    cell of the grid that they are in, and `work` is called from several threads at once. An error in `work` is raised
-    here.
+    Up to `CHUNK` states come in one call, in their order, in this thread; with M = 0 there is no call. More are sorted
+    by the cell of the grid that they are in, and `work` is called from several threads at once. An error in `work` is
+    raised here.
+
+    work : a function of rows (R,) int; what it returns is ignored.
     """
     if len(states) <= CHUNK:
         if len(states):
@@ -659,9 +690,10 @@ def share_out(grid: Grid, states: FloatArray, work: Callable[[FloatArray], None]
 def _by_cell(grid: Grid, states: FloatArray) -> FloatArray:
     """An order (M,) int of states (M, ndim) in which those that read the same nodes are close together.
 
-    States are sorted by the cell of the grid that they are in, or nearest to. Cells are merged until their numbers fit
-    into 16 bits, which are sorted ten times as fast.
+    States are sorted by the number of the cell of the grid that they are in, or nearest to, equals in their order. On
+    large grids some successive cells count as one.
     """
+    # so that numbers fit into 16 bits, which are sorted ten times as fast
     lower, spacing, shape = grid.arrays[:3]
     cells = np.clip((states - lower) / spacing, 0, shape - 1).astype(np.int64)
     places = np.ravel_multi_index(tuple(cells.T), grid.shape)

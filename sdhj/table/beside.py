@@ -36,12 +36,13 @@ class Fallback:
 
 
 def fallbacks(table: Table, states: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The input whose avoid tube is deepest, for each of the states (M, ndim), which are finite: three arrays (M,).
+    """The input whose avoid tube is deepest, for each of the states (M, ndim): three arrays (M,).
 
-    These are the inputs, for how many steps they are promised to stay clear (0 or 1), and the values of their avoid
-    tubes, as in `Fallback`. Inputs that fail the check against the true sets come last. Among equally deep tubes, as
-    where nothing is unsafe, the input of the least margin is chosen (`_margins`). ValueError if step is none from 0 to
-    N - 1.
+    These are the indices of the inputs, for how many steps they are promised to stay clear (0 or 1), and the values of
+    their avoid tubes, as in `Fallback`. Inputs that fail the check against the true sets come last. Among equally deep
+    tubes, as where nothing is unsafe, the input of the least margin is chosen (`_margins`).
+
+    states : finite, which is not checked. step : k; ValueError unless it is a whole number from 0 to N - 1.
     """
     step, rows = whole("step", step, least=0, most=table.steps - 1), np.arange(len(states))
     hazards = table._hazards(states, step)
@@ -116,8 +117,9 @@ def squared_distances(inputs: FloatArray, commands: FloatArray) -> FloatArray:
 def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[FloatArray, FloatArray | None]:
     """What was wanted, as commands (count, m), and as indices (count,) if indices were given, else None.
 
-    inputs : (L, m), the problem's. given : for each of `count` states the index of an input, or a command. ValueError
-        if it is neither, or is not finite.
+    inputs : (L, m), the problem's.
+    given : what is wanted for each of `count` states: (count,) int, indices from 0 to L - 1, or (count, m) commands.
+        ValueError if it is neither, or is not finite.
     """
     if given.shape == (count,) and given.dtype.kind in "iu":
         if not ((given >= 0) & (given < len(inputs))).all():
@@ -135,8 +137,8 @@ def commands_of(inputs: FloatArray, given: FloatArray, count: int) -> tuple[Floa
 def predicted(problem: ReachAvoidProblem, measured: FloatArray, previous: FloatArray, step: int = 0) -> FloatArray:
     """Where measurements (M, ndim) of step k will be after the delay, under the previous inputs (M,) int: (M, ndim).
 
-    Without a disturbance, and clipped at all ends of the grid, as long as the state may be on it; for a measurement
-    that is off the grid by more than its error, the measurement itself. ValueError if a measurement is not finite.
+    Without a disturbance, and clipped to the grid at all ends, also without a delay. For a measurement that is off the
+    grid by more than its error it is the measurement itself. ValueError if a measurement is not finite.
     """
     delay, grid = problem.sensing.delay, problem.grid.walled
     measured = states_array("a measurement", measured, grid.ndim)

@@ -309,11 +309,9 @@ class Controller:
         return 0 if step is None else step
 
     def _within(self, step: int) -> int:
-        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` all that are left.
+        """The `within` of `Table.batch` for queries of a step: 1; for a rule with `all_left` max(N - step, 1).
 
-        It is at least 1.
-
-        ValueError, for such a rule, if step is none from 0 to N.
+        ValueError, for such a rule only, if step is no whole number from 0 to N.
         """
         if not self.all_left:
             return 1
@@ -325,7 +323,10 @@ class Controller:
     ) -> Batch:
         """The answers for one state q (ndim,), a batch of M = 1; ValueError if q or step does not fit.
 
-        within : as in `Table.answers`; None: `_within(step)`. scores : (1, L), as in `Table.answers`.
+        step : k; None where nothing depends on time.
+        within : inputs are safe that lead into the tube with max(steps_to_go, within) - 1 steps to go; None: by the
+            rule (`_within`).
+        scores : (1, L), the safe input of least score is `Batch.best`; None: by depth. `Table.answers` explains both.
         """
         state, ndim = real_array("a state", q), self.problem.dynamics.ndim
         if state.shape != (ndim,):
@@ -461,8 +462,6 @@ class Controller:
         The measurement belongs to the sampling time nearest to it; a time near 0 begins a new loop. The controller
         remembers the previous input. If nothing depends on time, a loop may run without end; without a target it then
         stays clear for all of the table's steps from each step on or, where that cannot be, for those promised before.
-        For a prediction that is not admissible, the input is that of `Controller.fallback`, or with fallback=False
-        NotAdmissible is raised.
 
         Parameters
         ----------
@@ -470,6 +469,8 @@ class Controller:
             The measured state, in the units of the grid's axes.
         time : float
             When it was taken, s after the loop began: near 0 for the first.
+        fallback : bool
+            Whether a prediction that is not admissible is answered by `Controller.fallback`; else NotAdmissible.
 
         Returns
         -------
@@ -479,6 +480,7 @@ class Controller:
         Raises
         ------
         NotAdmissible
+            With fallback=False, if no tube of the step contains the prediction.
         ValueError
             If measurement or time are invalid, if time does not increase from call to call, and after the last step.
 
@@ -528,11 +530,13 @@ class Controller:
         return self.last
 
     def _sampling_time(self, time: float) -> tuple[int, float, bool]:
-        """(k, late, missed): the sampling time k nearest to a time, s, how much later `time` is, and a missed deadline.
+        """(k, late, missed): the nearest sampling time, how much later `time` is, s, and whether a deadline was missed.
 
-        k = 0 begins a new loop. A deadline was missed if `late` is more than the jitter either way, or if the last
-        answer of `step` was not for k - 1. ValueError where k is none of the table's, or has been answered in this
-        loop.
+        A deadline was missed if |late| exceeds the jitter, or if the last answer of `step` in this loop was not for
+        k - 1. k = 0 begins a new loop. ValueError where k is not from 0 to N (or on, if nothing depends on time), or
+        has been answered in this loop.
+
+        time : s after the loop began.
         """
         problem, most = self.problem, (self.table.steps + 0.5) * self.problem.delta if self.timed else np.inf
         k = round(number("time", time, least=-problem.delta / 2, most=most) / problem.delta)
@@ -660,8 +664,9 @@ class Controller:
     def _filtered(self, q: FloatArray, step: int, wanted: Any) -> "Filtered | None":
         """The answer of `filter` for one state q (ndim,) of a proved table, in half the time; or None.
 
-        wanted : the index of an input, or a command (m,). None, so that the general way is to be taken, where no input
-            is safe, or `wanted` is not a valid int or float array.
+        None where no input is safe, or where `wanted` is not valid; `filter` then takes its general way.
+
+        step : k, from 0 to N - 1. wanted : an int from 0 to L - 1, or a command (m,), finite floats.
         """
         inputs, index = self.problem.inputs, wanted if type(wanted) is int else None
         if index is None:
@@ -738,21 +743,21 @@ class Controller:
         return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
-        """The scores (M, L) with `otherwise` for inputs that keep no reserve; only for ever, on a grid.
+        """The scores (M, L), with `otherwise` for inputs that keep no reserve, if the table has a game's value.
 
-        An input keeps it if margin <= -RESERVE and value <= DEPTH_KEPT * (the least value of the safe inputs). The
-        margin is a distance, and lasts until its very last step; what is left of the depth says how much room there
-        still is to turn aside. Of other tables `scores` itself is returned.
+        That is a table on a grid that stays clear for ever (`Batch.game`); for others `scores` itself is returned. An
+        input keeps a reserve if margin <= -RESERVE and value <= DEPTH_KEPT * (the least value of the safe inputs).
         """
+        # the margin is a distance, and lasts until its very last step; the depth tells how much room there is to turn
         if batch.game is None:
             return scores
         deepest = np.min(batch.game, axis=1, initial=np.inf, where=batch.safe, keepdims=True)
         return np.where((batch.margins <= -RESERVE) & (batch.game <= DEPTH_KEPT * deepest), scores, otherwise)
 
     def checked(self, batch: Batch) -> FloatArray:
-        """Which inputs are safe for each state of a batch, also by the true sets: bool (M, L), new.
+        """Which inputs are safe for each state of a batch, by the tubes and by the true sets: bool (M, L), new.
 
-        `Batch.safe` alone is by the tubes, and only as far as `best` was looked for also by the true sets.
+        `Batch.safe`, by contrast, has been checked with the true sets only for the inputs up to `Batch.best`.
         """
         rows, inputs = np.nonzero(batch.safe)
         safe = batch.safe.copy()

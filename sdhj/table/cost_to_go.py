@@ -154,9 +154,11 @@ class CostToGo:
         read_only((self._values,))
 
     def _at(self, judge: Controller, states: FloatArray, step: int) -> FloatArray:
-        """J of states (M, ndim) at a step, inf off the tube: (M,). Needs J of the next step in `_values`.
+        """J of states (M, ndim) at a step: (M,), inf where they are not in the tube, or have no safe input.
 
-        judge : a controller with this rule, whose table and scores are asked.
+        J of the next step must be in `_values`.
+
+        judge : a controller with this rule, whose table answers, and by which inputs are scored.
         """
         problem, last = self.problem, step == judge.table.steps
         batch = judge.batch(states, step)
@@ -172,9 +174,10 @@ class CostToGo:
     def __call__(self, candidates: Candidates) -> FloatArray:
         """The scores of P candidates, c_k(q, u) + J_{k+1}(q'), or the larger of the two: (P,).
 
-        inf where too few of the nodes around q' are in the tube; past a safe end J is what the cost says of it. What a
-        function of the user returns is handed back as it is if its shape is wrong, as `Controller.scores` checks that.
-        ValueError for candidates of another problem, and where costs that are added up have a NaN or -inf.
+        inf where less than `LEAST_WEIGHT` of the nodes around q', by weight, are in the tube. Past a safe end J is
+        `_Cost.nothing`. An array of another shape from a function of the user is returned as it is, for
+        `Controller.scores` to refuse. ValueError for candidates of another problem, and where costs that are added up
+        have a NaN or -inf.
         """
         if candidates.problem is not self.problem:
             raise ValueError("this cost to go is that of another table: use CostToGo(table, ...) of the controller's")

@@ -56,7 +56,7 @@ class Explanation:
         Only of a certified table, for a state that is not in the tube: what keeps it out, that is of what a coarse copy
         of the problem has to be freed to have the state in its tube (`sdhj.certified.limits`): "rounding", without a
         target "creep", "whole cells of the target", "clearance of ..." an unsafe set or of whole cells, "push",
-        "noise", or "wide cells" where it is several of the first at once.
+        "noise", or "wide cells" where several of these that come from whole cells do so together.
     """
 
     inside: bool
@@ -85,8 +85,10 @@ def entry_named(table: Any, step: int, within: int) -> str:
 def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
     """A sentence if a state is off the grid, in an unsafe set or, with within = 0, outside the target; else "".
 
-    By the level-set functions themselves, at the time of the step. state : (1, ndim). Sets that are unsafe under some
-    inputs only do not count.
+    By the level-set functions themselves, at the time of the step, without the tubes. Sets that are unsafe under some
+    inputs only are left out.
+
+    state : (1, ndim), finite. step, within : k from 0 to N and n from 0 on; not checked.
     """
     problem = table.problem
     if table.grid.beyond(state, "fails", "holds", "frees")[0]:
@@ -102,9 +104,11 @@ def refuted(table: Any, state: FloatArray, step: int, within: int) -> str:
 def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) -> Explanation:
     """Why a state q (ndim,) is in the tube (step, within) of a table on a grid or not, and how each input fails.
 
-    By the interpolated values of that tube, of the next and of the avoid tubes; and by the true sets, which come first:
-    a state that they refute has no failures. Without steps to go there are none, either. A `within` of None, or above N
-    - step, is N - step. ValueError if q, step or within does not fit.
+    By the true sets first: of a state that these exclude (`refuted`) no inputs are explained. Then by the interpolated
+    values of that tube, of the next one and of the avoid tubes. With within = 0, and at step N, `failures` is empty.
+
+    step : k, from 0 to N. within : n; None, or a number above N - step, for N - step. ValueError if q, step or within
+        does not fit.
     """
     step, within = table.clipped(step, within)
     state = states_array("q", np.atleast_2d(np.asarray(q, dtype=float)), table.grid.ndim)
@@ -138,10 +142,11 @@ def explain_on_grid(table: Any, q: FloatArray, step: int, within: int | None) ->
 
 
 def _margins(table: Any, state: FloatArray, ends: FloatArray, step: int, left: int) -> FloatArray:
-    """The largest value of the next tube, with `left` steps to go, among the ends of each input: (L,).
+    """For each input the largest value of the next tube, with `left` steps to go, where the input may lead: (L,).
 
-    ends : (L, P, ndim), where each input may lead in the interval from `step`, relative to the state (1, ndim); they
-        are clipped to the grid.
+    state : (1, ndim), at `step`.
+    ends : (L, P, ndim), P points to which each input may lead in the interval, relative to the state; they are clipped
+        to the grid.
     """
     points = table.grid.clipped(state + ends)
     return np.asarray(table.values_at(points, step + 1, np.full(len(points), left)).max(axis=1))
@@ -178,10 +183,13 @@ def _failure(
 
 
 def _nearest(table: Any, state: FloatArray, j: int, ends: FloatArray, step: int) -> tuple[str, float]:
-    """The name of the unsafe set or of the end of an axis that input j comes nearest to, and after how many seconds.
+    """The name of the unsafe set, or of the unsafe end of an axis, that input j comes nearest to, and when, in s.
 
-    Nearest is the least level-set value, or distance to an end, on the straight lines from the state (1, ndim) to its
-    `ends` (P, ndim), relative to it, at `INSTANTS_TRIED` instants of the interval from `step`.
+    Nearest is the least level-set value of a set that is unsafe under j, or distance to an end, on the straight lines
+    from the state to its `ends`, at `INSTANTS_TRIED` instants of the interval from `step`. The time is counted from the
+    begin of the interval.
+
+    state : (1, ndim). ends : (P, ndim), points to which the input may lead, relative to the state.
     """
     problem, grid = table.problem, table.grid
     best = np.inf, "the unsafe ends of the grid", 0.0

@@ -149,7 +149,9 @@ def _regular(path: Named) -> Path:
 def probed(folder: Path, name: str = "probe") -> None:
     """Raise OSError, with a message that says what to do, if a file cannot be written in a folder.
 
-    name : of the file that is meant; the one that is tried, and deleted, has its suffix.
+    An empty file with a hidden name is made there and deleted.
+
+    name : of the file that is to be written; the one that is tried has the same suffix.
     """
     with _temporary(folder / name):
         pass
@@ -169,8 +171,11 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
     """A context with an open HDF5 file, to which the class of a table writes its arrays; `path` is written at its end.
 
     The file is built in memory, with the arrays of the problem, and written to disk as a whole in place of an older
-    one, because the HDF5 library does not survive a full disk. head : entries, plain values, that are added to the
-    head. OSError if it cannot be written; ValueError if the head is too long.
+    one, because the HDF5 library does not survive a full disk. Nothing is written if the context ends by an error.
+
+    head : further entries of the file's head, plain values (JSON).
+
+    OSError if the file cannot be written; ValueError if the head is too long.
     """
     about = head_of_table(table.problem, table.method, table.details, table.problem.digest)
     text = json.dumps(about | head, sort_keys=True).encode() + b"\n"
@@ -212,7 +217,10 @@ def head_of_table(problem: ReachAvoidProblem, method: str, details: Mapping[str,
 
 
 def header(path: Named) -> dict[str, Any]:
-    """The head of a table's file, as `checked_head` returns it, without its arrays; errors as of `sdhj.load`."""
+    """The head of a table's file, as `checked_head` returns it; the arrays are not read.
+
+    The errors are those of `sdhj.load`: OSError, TableFileError, MemoryError, and ValueError if `path` is no name.
+    """
     with opened(path) as (head, _):
         return head
 
@@ -220,11 +228,12 @@ def header(path: Named) -> dict[str, Any]:
 def stored(file: h5py.File, name: str, kinds: str, shape: Lengths | None, most: int | None = None) -> FloatArray:
     """Read an array of a file, after checking that the file contains it, its dtype and its shape.
 
-    kinds : the names of the allowed dtypes, in one string. shape : None allows any; a set lists the allowed lengths of
-        an axis. most : of bytes.
+    kinds : the names of the allowed dtypes in one string, separated by spaces.
+    shape : for each axis the length, or a set of allowed lengths; None allows any shape.
+    most : how many bytes the array may have; None: any number.
 
-    ValueError if it does not fit, and for links, text, data in other files or too closely packed data, with which a
-    file can be forged; MemoryError if it does not fit into memory.
+    ValueError if the array does not fit, and for what forged files may have: links, text, data in other files, or data
+    packed closer than sdhj writes them. MemoryError if it does not fit into memory.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or file.get(name, getclass=True) != h5py.Dataset:
         raise ValueError(f"it contains no array {name}")
@@ -319,11 +328,12 @@ def _head_text(path: Path, stream: BufferedReader) -> bytes:
 
 
 def checked_head(head: Any) -> dict[str, Any]:
-    """A copy of the head of a file with its values checked and converted.
+    """A copy of the head of a file, given as JSON gives it, with its values checked and converted.
 
-    The grid is a Grid, sensing a Sensing, inputs are (L, m); the recipe is empty unless a case study built the problem.
-    "told" has what the head says of the problem, unconverted: what the digest is of. If the head is invalid, one of
-    various errors is raised (KeyError, TypeError, ValueError, ...), which `opened` turns into TableFileError.
+    "grid" becomes a Grid, "sensing" a Sensing, "inputs" an array (L, m). "recipe" is a dict, empty unless a case study
+    built the problem. "told" is added: the head's own entries on the problem, unconverted, of which "digest" is the
+    digest. If the head is invalid, one of various errors is raised (KeyError, TypeError, ValueError, ...), which
+    `opened` turns into TableFileError.
     """
     words = ("problem", "digest", "method", "view_time", "sdhj_version")
     if not all(isinstance(head[name], str) for name in words) or not isinstance(head["recipe"], dict):
@@ -347,7 +357,8 @@ def checked_head(head: Any) -> dict[str, Any]:
 def arrays_in(file: h5py.File) -> dict[str, FloatArray]:
     """The arrays that formulas look up, and the values of black boxes, in a file, by names such as "tables/0".
 
-    ValueError where a group is none, or an array is not float64 or too large.
+    ValueError if what has the name of a group is no group, if an array is not float64, or if those of a group take more
+    than `MOST_TABLES` bytes.
     """
     found: dict[str, FloatArray] = {}
     for group in ("tables", "opaque"):
@@ -369,9 +380,10 @@ def problem_of_file(
 
     The file itself is not opened: `path` is only for messages. The head must have been checked (`checked_head`).
 
-    arrays : what the file's formulas look up, and values of black boxes, by name, of `arrays_in` or `functions_of`.
-    problem : None, or what the user takes it for. If it has steps=None, and the file is of such a solve, it is returned
-        with the number of steps of the file.
+    arrays : what the file's formulas look up, and values of black boxes, by name, as `arrays_in` returns them for a
+        file, and `sdhj.table.store.functions_of` for a store.
+    problem : None, or the problem that the file should be of. If it has steps=None, and the file is of such a solve, it
+        is returned with the number of steps of the file.
 
     TableFileError if `problem` is another one, if it is None and the file has black boxes or cannot be read, or if the
     digest in the head is not that of what the head and the arrays describe.

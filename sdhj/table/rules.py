@@ -33,7 +33,7 @@ class Candidates:
     margins : (P,) array
         The largest value of the next tube that the adversary can bring about; <= 0, since all of these inputs are safe.
     depths : (P,) array
-        The margins or, for tables on a grid that hold for ever, the same of the game's value (`Batch.depths`).
+        The margins or, for tables on a grid that hold for ever, `Batch.game`: the least is preferred.
     successors : (P, ndim) array
         Where the input leads in one interval without a disturbance.
 

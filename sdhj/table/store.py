@@ -125,7 +125,7 @@ class Shapes:
 
     @classmethod
     def of(cls, problem: ReachAvoidProblem, *cut: Any) -> Self:
-        """The shapes of a problem's table; cut : the fields dtype, axis, width and avoid_axes."""
+        """The shapes of a problem's table; cut : the fields dtype, axis, width and avoid_axes, in this order."""
         tubes, steps = LookupTable.most_tubes(problem), problem.most_steps
         return cls(problem.grid.shape, len(problem.inputs), tubes, steps, *cut)
 
@@ -207,8 +207,8 @@ class Arrays:
     """The arrays of a table, read and written a slab at a time: base of `Memory` and `Store`.
 
     To write a slab: fill in what `buffers` returns, hand it to `write`, and the digest that this returns to `enter`, in
-    the process that keeps the ledger; `there` then says that the slab is finished. A subclass implements these, `block`
-    and `whole`.
+    the process that keeps the ledger; `there` then says that the slab is finished. A subclass implements `entry`,
+    `whole`, `write`, `enter` and `there`.
 
     Attributes
     ----------
@@ -244,7 +244,10 @@ class Arrays:
         return LookupTable(problem, method, index, self.whole("tubes"), self.whole("marks"), self.avoid, {})
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """New arrays, of zeros, to be filled in with a slab and handed to `write`: one for each of `slab.arrays`."""
+        """An array for each of `slab.arrays`, to be filled in with the slab and handed to `write`: new, all zeros.
+
+        The shapes are those of the slab: `Shapes.leading_shape`, followed by the slab's nodes on each axis.
+        """
         found = []
         for array in slab.arrays:
             nodes = (end - begin for begin, end in self.layout.runs(array, slab.number))
@@ -272,7 +275,11 @@ class Memory(Arrays):
         return found
 
     def buffers(self, slab: Slab) -> list[FloatArray]:
-        """Views of the arrays, where the slab lies in them, if there is one slab; else new zeros."""
+        """As `Arrays.buffers`: an array for each of `slab.arrays`, to be filled in and handed to `write`.
+
+        If the grid is one slab, they are views of the whole arrays, of which only marks are 0 at first; what is filled
+        in is written already. Else they are new arrays of zeros.
+        """
         one = self.layout.slabs == 1
         return [self.entry(array, slab.position) for array in slab.arrays] if one else super().buffers(slab)
 
@@ -281,9 +288,10 @@ class Memory(Arrays):
         return False
 
     def write(self, slab: Slab, values: Sequence[FloatArray]) -> str:
-        """Copy `values`, the arrays of a slab as `buffers` returns them, to where the slab lies; returns "".
+        """Copy the arrays of a slab to where it lies in the whole arrays; returns "", as there is no digest.
 
-        Views of that place are not copied; an array of the shape of a whole one replaces that.
+        values : one array for each of `slab.arrays`, of the shapes of `buffers`. Views of where the slab lies are not
+            copied. An array that has the shape and dtype of the whole array is not copied either, but takes its place.
         """
         for array, one in zip(slab.arrays, values, strict=True):
             if (one.shape, one.dtype) == (self.layout.array_shape(array), self.layout.dtype_of(array)):
@@ -392,7 +400,10 @@ class Store(Arrays):
         return self.digest(slab, values)
 
     def _rows(self, slab: Slab, array: str, values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-        """Yield the parts of a slab's `values` that are contiguous in the file: (offset in bytes, 1-D array)."""
+        """Yield the parts of a slab's `values` that are contiguous in the array's file: (offset in bytes, 1-D array).
+
+        values : the slab of this one array, of the shape that `buffers` returns.
+        """
         block = self.layout.entry_shape(array)
         runs = [*((0, n) for n in self.layout.leading_shape(array)), *self.layout.runs(array, slab.number)]
         cut = next((axis for axis, n in enumerate(block) if runs[axis] != (0, n)), 0)
@@ -449,9 +460,9 @@ class Store(Arrays):
         return found.hexdigest()
 
     def check(self, slabs: Sequence[Slab]) -> None:
-        """Read some slabs and compare them with the ledger.
+        """Read some slabs from the files, and compare their digests with those in the ledger.
 
-        TableFileError where one is not in the ledger, or where its digest is another; the message says what to delete.
+        TableFileError if a slab is not in the ledger, or if its digest is another; the message says what to delete.
         """
         if missing := [slab for slab in slabs if slab not in self.entered]:
             raise TableFileError(
@@ -486,11 +497,10 @@ class Store(Arrays):
     def whole(self, array: str, kinds: str = "", shape: Lengths | None = None) -> FloatArray:
         """A whole array, mapped read-only; -inf, in memory, for avoid tubes on no axes.
 
-        kinds : the dtypes that are allowed; not looked at here, as the layout says which it is. shape : if given, the
-            length, or a set of lengths, that each axis must have.
+        TableFileError if the file does not fit the layout, ValueError if the array is not of `shape`.
 
-        TableFileError if the file does not fit the layout, ValueError if the array is not of `shape`. Tables and files
-        are read by the same code, `LookupTable.of_arrays`, which gives all three arguments.
+        kinds : ignored, as the layout says which dtype it is; `LookupTable.of_arrays` gives it for files.
+        shape : for each axis the length, or a set of allowed lengths; None allows any shape.
         """
         if not self.layout.axes(array):
             return np.full(self.layout.array_shape(array), -np.inf, self.layout.dtype)
@@ -633,7 +643,7 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
                     write_header(stream, layout, array, layout.tubes)
         os.rename(temporary, path)
     except OSError as error:
-        free_name(path)
+        require_free_name(path)
         raise unwritable(path.parent, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -643,8 +653,10 @@ def create(path: Path, head: Mapping[str, Any], functions: Mapping[str, FloatArr
 def write_header(stream: Any, layout: Shapes, array: str, tubes: int) -> None:
     """Write the header of an array's .npy file for so many tubes to a stream, and set the file's length.
 
-    It always has the same length, so that a later one may have fewer tubes. tubes : ignored for avoid tubes. What is
-    not written yet takes no room on the disk where the file system allows that.
+    The header has the same length for any number of tubes, so that it can be written again for fewer. What is not
+    written yet takes no room on the disk where the file system allows that.
+
+    stream : a binary file, at its beginning. array : one of `NAMES`. tubes : how many; ignored for avoid tubes.
     """
     shape, kind = layout.array_shape(array), layout.dtype_of(array)
     shape = (tubes, *shape[1:]) if array in NAMES[:2] else shape
@@ -672,8 +684,8 @@ def _unsealed(file: Path, seal: str = "") -> tuple[Any, str]:
     return content, text.partition("\n")[0]
 
 
-def free_name(path: Path) -> None:
-    """Raise FileExistsError, with what to do, if there is anything at this path."""
+def require_free_name(path: Path) -> None:
+    """Raise FileExistsError, with what to do, if there is anything at this path, also a link that leads nowhere."""
     if os.path.lexists(path):
         raise FileExistsError(f"{path} exists already; go on with it by resume=True, remove it, or choose another name")
 

@@ -41,14 +41,13 @@ RESTLESS = 0.1  # cells a step: level sets of the game's value that move by less
 def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
     """Level-set function, in cells, of the set that is safe for ever, from the nodes in it: float64, shape grid.shape.
 
-    The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
-    cell outside the last node in the set, and at the very boundary there may be no input that passes. This function is
-    2 - d in the set, d being the distance to the nearest node outside, or to where one would be past an unsafe end, and
-    1 + the distance to the set outside. So its zero lies one cell inside the last node in the set, which keeps the tube
-    clear of states that are lost.
+    It is 2 - d in the set, d being the distance to the nearest node outside, or to where a node would be past an unsafe
+    end; and 1 + the distance to the set outside. So its zero lies one cell inside the last node in the set.
 
     invariant : (*grid.shape) bool, the nodes in the set.
     """
+    # The value for ever jumps at the set's boundary, whatever the grid, so the zero of its interpolant lies most of a
+    # cell outside the last node in the set, and at the very boundary there may be no input that passes.
     leaves = _cells_to(grid, ~invariant)
     for axis, fails in enumerate(grid.ends_where("fails").T):
         place = np.arange(grid.shape[axis], dtype=np.float64)
@@ -61,8 +60,9 @@ def cells_inside(grid: Grid, invariant: FloatArray) -> FloatArray:
 def _cells_to(grid: Grid, region: FloatArray) -> FloatArray:
     """Euclidean distance, in cells, of each node to the nearest one in a region: array of grid.shape, 0 in the region.
 
-    Also around periodic axes. region : (*grid.shape) bool; where it is empty, the distance is sqrt(sum of
-    grid.shape^2).
+    Also around periodic axes. A cell counts as 1 along each axis.
+
+    region : (*grid.shape) bool; if it is empty, the distance is sqrt(sum of grid.shape^2) everywhere.
     """
     squares = np.where(region, 0.0, float(np.sum(np.square(grid.shape))))
     for axis, n in enumerate(grid.shape):
@@ -161,7 +161,8 @@ class LookupTable(Table):
     def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
         """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
 
-        It has space for `most_tubes`; space never written takes no memory. Tubes are undefined, and no input is marked.
+        It has space for `most_tubes` of a dtype; space never written takes no memory. Tubes are undefined, and no input
+        is marked; the avoid tubes are those given, which have to be complete.
         Write with `value_array` and `mark_array`, call `share` for entries that are equal to the one before, and
         `finish` at the end.
         """
@@ -213,11 +214,11 @@ class LookupTable(Table):
             asked[asked >= place] -= 1
 
     def motion(self, start: int, within: int) -> float:
-        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average; inf before.
+        """By how many cells a step the boundary of a tube moved in the last `QUIET` steps, on average.
 
-        It compares (start, within) with (start, within - QUIET). The average is over the edges of the grid, between
-        neighbouring nodes, that the boundary crosses, or crossed: where it has left one, it counts as moved by a cell.
-        Values elsewhere, which may change for long by the scheme's error, do not count. 0 if there is no boundary.
+        It compares (start, within) with (start, within - QUIET). The average is over the edges between neighbouring
+        nodes that either of the two boundaries crosses; on an edge that only one of them crosses, it counts as moved by
+        a cell. inf if within < QUIET; 0 if there is no boundary.
         """
         if within < QUIET:
             return np.inf
@@ -235,8 +236,8 @@ class LookupTable(Table):
     def unrest(self, within: int) -> float:
         """By how many cells a step all level sets in the tube (0, within) moved in the last `QUIET` steps, on average.
 
-        It is the mean change of the values at the nodes inside over the mean difference of neighbours there, along the
-        axis where that is largest. inf before so many steps; 0 where values inside do not differ.
+        It is the mean change per step of the values at the nodes inside, divided by the mean difference of neighbours
+        inside, along the axis where this is largest. inf if within < QUIET; 0 where values inside do not differ.
         """
         if within < QUIET:
             return np.inf
@@ -272,10 +273,10 @@ class LookupTable(Table):
         )
 
     def finish(self, details: Mapping[str, Any]) -> "LookupTable":
-        """The table when solved: with read-only arrays, these details, and without tubes and marks that no entry uses.
+        """The table when solved: with these details, and without tubes and marks behind those that the index names.
 
-        If details["endless"] is true and there is no target, all are kept, as the last is the game's value. Arrays are
-        shared.
+        The arrays are shared with this table, and become read-only. If details["endless"] is true and there is no
+        target, all tubes are kept, as the last is the game's value.
         """
         stored = int(self.index.max()) + 1
         whole = details.get("endless") and self.problem.has_no_target
@@ -318,10 +319,10 @@ class LookupTable(Table):
         return sealed(self.value_array(start, within))
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
-        """Which inputs are safe and make progress at each node: bool, grid.shape + (L,).
+        """Which inputs are safe and make progress at each node: a mask, bool of shape grid.shape + (L,), new.
 
-        u_j is marked at a node from which, applied over the interval from `start`, it avoids the unsafe sets and ends
-        in the tube with `within` - 1 steps to go, whatever the adversary does. With within = 0 nothing is marked.
+        It is True for u_j at a node from which, applied over the interval from `start`, the input avoids the unsafe
+        sets and ends in the tube (start + 1, within - 1), whatever the adversary does. With within = 0 all are False.
 
         Parameters
         ----------
@@ -381,7 +382,7 @@ class LookupTable(Table):
         return out
 
     def _decide(self, batch: Batch, scores: FloatArray, checks: int, rows: FloatArray) -> None:
-        """Fill in some rows (R,) of a batch in place and check them by the true sets, as `Table._decide` says.
+        """As `sdhj.table.batches.Table._decide`: fill in some rows of a batch, and check them by the true sets.
 
         By compiled code where all level-set functions are formulas; in Python where one is a black box, or where a
         formula was undefined, which there raises an error that says so.
@@ -402,9 +403,12 @@ class LookupTable(Table):
         self._call(batch, rows, ends, batch.margins, TUBES)
 
     def _call(self, batch: Batch, rows: FloatArray, ends: FloatArray, scores: FloatArray, checks: int) -> bool:
-        """Fill in some rows (R,) of a batch in place by the compiled `decide`, which explains ends, scores and checks.
+        """Fill in some rows (R,) of a batch in place by the compiled `sdhj.kernels.lookup.decide`.
 
-        False where a formula was undefined; the rows are worthless then.
+        False if a formula was undefined at one of the states; what is in the rows is then undefined.
+
+        The arguments are those of `sdhj.table.batches.Table._decide`, and ends (4 + K, L, ndim, 1 or R), what the
+        inputs lead to from these rows, as `Interval.ahead` returns it.
         """
         when = batch.step, batch.within, self.steps, self.game, checks
         out = batch.steps_to_go, batch.safe, batch.margins, batch.best, batch.depths
@@ -512,7 +516,10 @@ class LookupTable(Table):
 
 
 def ascending_axes(axes: Any, name: str, grid: Grid) -> tuple[int, ...]:
-    """Axes of a grid, as a file lists them under `name`, as a tuple; ValueError if they are none, or not ascending."""
+    """The numbers `axes` of axes of a grid, as a file lists them, as a tuple of ascending int; () for an empty list.
+
+    name : of the entry, for the message. ValueError unless they are ascending axes of the grid, each once.
+    """
     found = axis_numbers(axes, name)
     if list(found) != sorted(set(found) & set(range(grid.ndim))):
         raise ValueError(f"the axes of {name} must be ascending axes of the grid, got {found}")
