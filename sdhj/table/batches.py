@@ -397,9 +397,9 @@ class Table:
         states : (M, ndim), finite, which is not checked. They are not copied, and must not be written later.
         step : k; ValueError unless it is a whole number from 0 to N.
         within : an input is safe if it leads into the tube with max(steps_to_go, within) - 1 steps to go. Above
-            N - step, and without a target always, N - step is used.
+        N - step, and without a target always, N - step is used.
         scores : (M, L), or None for the depths. `best` is the safe input of least score that also passes the check with
-            the true sets, and of equals that of least depth.
+        the true sets, and of equals that of least depth.
         """
         problem, steps = self.problem, self.steps
         step = whole("step", step, least=0, most=steps)
