@@ -263,7 +263,7 @@ def estimate(problem: ReachAvoidProblem, method: str | Method = "hji") -> Cost:
     ValueError
         If the method does not fit the problem, or does not say what it costs.
     MemoryError
-        If there is not enough memory to find out.
+        If `solve` would not fit into memory; the message says how much it needs.
 
     Examples
     --------

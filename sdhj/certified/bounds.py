@@ -76,9 +76,12 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
-        """The least and the greatest value of a level-set function in boxes (M, axes) of the set's axes: (2, M).
+        """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
 
-        The bounds hold for all times from t0 to t1, s. part : the set. low, high : the corners of the boxes.
+        They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where the
+        function may be undefined. ValueError where a black box does not declare enough for bounds.
+
+        part : the set. low, high : the corners of the boxes, (M, axes) each.
         """
         return self._level(part.axes, part.level_set, low, high, t0, t1)
 

@@ -294,7 +294,10 @@ class Images(Proof):
 
     @property
     def _always(self) -> tuple[float, float]:
-        """The first and the last time of the problem, s: 0 and N delta, or infinity without a number of steps."""
+        """Times, s, between which all intervals of the problem lie: 0 and t_N, or infinity without a number of steps.
+
+        t_N is N delta, and later by the delay of a `Sensing`.
+        """
         return 0.0, np.inf if self.problem.steps is None else self.problem.time(self.problem.steps)
 
     @kept

@@ -57,10 +57,13 @@ FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for w
 
 @dataclass(frozen=True)
 class Copy(GeneralProof):
-    """The proof of a coarse copy of a problem, which also knows what the centres of its cells are led to.
+    """A recursion on coarse cells, as a proof makes it, from which some of what cells lose can be taken away.
 
-    It proves nothing. Made by `of`, which leaves the two last arrays empty, and given these by `dataclasses.replace`;
-    filled by `prepare`. Then `taking` gives the same proof with some of its losses taken away.
+    Its sets tell how much would be won without a loss; they prove nothing. `CELLS` names the losses: "rounding" of
+    images to whole cells, goal cells that lie in the "target" only in part, and "clearance" of whole cells in place of
+    their centres. So it also keeps how far the centres of cells may move. Made by `of`, which leaves the two last
+    arrays empty, and given these by `dataclasses.replace`; filled by `prepare`. Then `taking` gives the same proof
+    with some of its losses taken away; `add` counts the sets that it has made.
 
     Attributes
     ----------
@@ -71,6 +74,10 @@ class Copy(GeneralProof):
     ends : (starts, L, places, ndim, 2) float32
         How far the lower and the upper ends of the cells at a place have moved at the interval's end, in the axes'
         units.
+    most_boxes : int
+        In how many boxes each unsafe set is asked for, fewer than in a proof.
+    unites : bool
+        False: boxes are counted, whatever their number (`GeneralProof.unites`).
     """
 
     without: frozenset[str] = frozenset()
@@ -328,9 +335,10 @@ class Limits:
                 yield Tried("", helps, self._solved(self._proof(replace(self.problem, **change), axes)), plain)
 
     def _lesser(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Yield what of the problem may be taken away: (its name, what helps against it, the changed fields).
+        """Yield what may be taken away from the problem, one thing at a time: (its name, what helps, fields).
 
-        Unsafe sets only where there are at most `MOST_SETS`.
+        The push, the errors of a `Sensing`, and each unsafe set where there are at most `MOST_SETS`; what the problem does
+        not have is left out. fields : the keywords by which `dataclasses.replace` makes the problem without it.
         """
         problem = self.problem
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):

@@ -118,10 +118,12 @@ class Packing:
     def _add_alike(self, cells: FloatArray, following: FloatArray, some: _Swapped) -> None:
         """`add` where all cells move alike and there is one group.
 
-        An image misses the set if it holds a cell outside, so cells outside are united over the window of an image as
-        boxes are over that of a tube (`sdhj.certified.word_tubes.united`).
+        The image of a cell is a window of cells, the same from each cell. It does not lie in `following` if it contains
+        a cell outside: so the cells outside are united over that window (`sdhj.certified.word_tubes.united`).
 
-        cells : modified in place. following : as for `add`, both packed along the last axis. some : of the step.
+        cells : (rows, W) uint64, modified in place: cells are added, or taken away where sets shrink.
+        following : (rows, W) uint64, as for `add`; both are packed along the last axis.
+        some : cells, moves and marks of the interval, of `_at`; there must be marks of clear inputs.
         """
         axes, ones = self.proof.axes, np.ones(len(self.order), np.int64)
         first, last = (one[:, 0].astype(np.int64) for one in (some.moves.low, some.moves.high))  # obligation 3.32

@@ -494,6 +494,8 @@ class CertifiedTable(Table):
     def unknown(self, *, start: int = 0, within: int | None = None) -> float:
         """Share of the state space proved neither won nor lost, the most that more cells can still decide.
 
+        The first call makes the sets of lost states (`losing`), which takes about as long as the solve.
+
         Parameters
         ----------
         start : int
@@ -504,7 +506,10 @@ class CertifiedTable(Table):
         Raises
         ------
         ValueError
-            If `start` or `within` does not fit.
+            If `start` or `within` does not fit, or if lost states cannot be told, as of the paper's own arm and of
+            grids with safe ends.
+        MemoryError
+            If the sets of lost states do not fit into memory.
 
         Examples
         --------

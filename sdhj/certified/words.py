@@ -24,10 +24,13 @@ CLEAR = -1  # in place of `within`: the inputs that stay clear for one interval
 class ProvedBatch(Batch):
     """The answers of a certified table for M states: a `Batch` whose `margins` are computed when they are first read.
 
-    The margin of a certified input is min(steps to go of the undisturbed successor - (steps by which the input was
-    judged - 1), 0); inputs of lower margins reach the target sooner. It is +inf for other inputs.
+    These margins are numbers of steps, not values of a level-set function as those of other tables. With
+    n = max(steps_to_go, within), a certified input leads into the tube with n - 1 steps to go, and its margin is
+    min(steps to go of the undisturbed successor - (n - 1), 0): inputs of lower margins reach the target sooner. It is
+    +inf for inputs that are not certified.
 
-    table : the `CertifiedTable`, set after construction and before `margins` is read.
+    table : the `CertifiedTable` that made the batch and set this field (`CertifiedTable.answers`); without it `margins`
+    raises AttributeError.
     """
 
     table: Any

@@ -61,12 +61,18 @@ class ProjectionWarning(UserWarning):
 
 
 class Finding(NamedTuple):
-    """Something to be warned of; `tell` warns of it, and str() is the sentence that the user reads."""
+    """Something to be warned of; `tell` warns of it, and str() is the sentence that the user reads.
 
-    cause: str  # what is wrong, with a number: the begin of the sentence
-    number: float  # how much of it, in the unit that the cause names
-    remedy: str  # what helps: the rest of the sentence
-    kind: type[UserWarning] = ResolutionWarning  # the category of the warning
+    cause : what is wrong, with a number: the begin of the sentence.
+    number : how much of it, in the unit that the cause names.
+    remedy : what helps: the rest of the sentence, with the separator before it.
+    kind : the category of the warning.
+    """
+
+    cause: str
+    number: float
+    remedy: str
+    kind: type[UserWarning] = ResolutionWarning
 
     def __str__(self) -> str:
         """The sentence: cause, then remedy."""

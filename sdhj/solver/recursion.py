@@ -618,7 +618,9 @@ class GridSets:
                 tell(never_met(unsafe_set))
 
     def _former_avoid_tubes(self, kind: str) -> FloatArray | None:
-        """The former solve's avoid tubes of a kind, a view, if none of them can differ; else None.
+        """The former solve's avoid tubes of a kind, a view, if none of them can differ; else None, as without a former.
+
+        Where they are taken over, what the former solve kept of each danger is also put into `plan.former.each`.
 
         kind : "avoid_static" for an array (L, *subgrid), "avoid_moving" for (most_steps, L, *subgrid).
         """

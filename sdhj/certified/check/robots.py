@@ -268,8 +268,9 @@ class Robot(Sets):
     def cover(self) -> list[str]:
         """The faults of the cells, a text each; [] if there are none.
 
-        Cells must cover every axis; a layer must be at a wall; and along an axis that moves are said not to depend on,
-        all cells must be alike, with no wall on the way.
+        Cells must cover every axis, and a layer must be at a wall. The head says which axes moves do not depend on: along
+        each of these all cells must be equally wide, and it may end at a wall only where all velocities along it are
+        the same in every state.
         """
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):

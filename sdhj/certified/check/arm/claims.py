@@ -142,10 +142,14 @@ class Scene:
 
 
 def refuse_large(world: World, steps: int) -> None:
-    """Raise ValueError if a number of the world, within so many steps, breaks what the bound on rounding supposes.
+    """Raise ValueError if a number of the world, until a step, breaks what the bound on rounding supposes.
 
-    Links must have at least 1 mm, lengths, places and moves must be at most `LONGEST_LENGTH`, and angles of disks at
-    most `LARGEST_ANGLE`.
+    At most `LONGEST_LENGTH` (m or rad) must be: the lengths of the links, the radius at which the pursuer or target is
+    met, how far inputs and push turn a joint and the pursuer or target moves in an interval, E, all edges of cells, and
+    where disks are until that step. Angles of disks until then must be at most `LARGEST_ANGLE`, rad. Links must have
+    at least 1 mm; delta, the push and the speed of the pursuer or target must not be negative. NaN is refused.
+
+    world : of `Scene.world`, before it is used. steps : N.
     """
     end = world.delta * steps + world.begin + world.late
     disks = np.vstack([world.disks, world.goal[None]])
