@@ -78,8 +78,8 @@ class Bounds:
     def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
         """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
 
-        They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where the
-        function may be undefined. ValueError where a black box does not declare enough for bounds.
+        They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where
+        the function may be undefined. ValueError where a black box does not declare enough for bounds.
 
         part : the set. low, high : the corners of the boxes, (M, axes) each.
         """

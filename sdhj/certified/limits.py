@@ -337,8 +337,8 @@ class Limits:
     def _lesser(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
         """Yield what may be taken away from the problem, one thing at a time: (its name, what helps, fields).
 
-        The push, the errors of a `Sensing`, and each unsafe set where there are at most `MOST_SETS`; what the problem does
-        not have is left out. fields : the keywords by which `dataclasses.replace` makes the problem without it.
+        The push, the errors of a `Sensing`, and each unsafe set where there are at most `MOST_SETS`; what the problem
+        does not have is left out. fields : the keywords by which `dataclasses.replace` makes the problem without it.
         """
         problem = self.problem
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):

@@ -268,9 +268,9 @@ class Robot(Sets):
     def cover(self) -> list[str]:
         """The faults of the cells, a text each; [] if there are none.
 
-        Cells must cover every axis, and a layer must be at a wall. The head says which axes moves do not depend on: along
-        each of these all cells must be equally wide, and it may end at a wall only where all velocities along it are
-        the same in every state.
+        Cells must cover every axis, and a layer must be at a wall. The head says which axes moves do not depend on:
+        along each of these all cells must be equally wide, and it may end at a wall only where all velocities along it
+        are the same in every state.
         """
         grid, ends = self.grid, []
         for lower, upper, periodic in zip(grid.lower, grid.upper, grid.periodic, strict=True):
