@@ -8,7 +8,7 @@ import toys
 
 import sdhj
 from sdhj import BlackBox, Dynamics, Grid, Sensing
-from sdhj.problem.steepness import rates
+from sdhj.problem.steepness import lipschitz_bounds
 from sdhj.table.beside import predicted
 
 PLANE = Grid([-np.pi, -3.0], [np.pi, 3.0], [21, 21], [True, False])
@@ -19,7 +19,7 @@ def columns(*values):
 
 
 def rates_of(dynamics, grid=PLANE, end=1.0):
-    return rates(grid, dynamics.read(grid.ndim), end, 0.1)
+    return lipschitz_bounds(grid, dynamics.read(grid.ndim), end, 0.1)
 
 
 def test_a_car():
@@ -59,7 +59,7 @@ def test_no_difference_on_a_fine_grid_is_steeper(name):
     """And A is not much more than the largest of them, nor b more than what v is found to add."""
     given, end = FIELDS[name]
     field = Dynamics([[0.0]], **given).read(2)
-    slope, push, jumps = rates(PLANE, field, end, 0.1)
+    slope, push, jumps = lipschitz_bounds(PLANE, field, end, 0.1)
     fine, steep, added = Grid(PLANE.lower, PLANE.upper, [300, 301], PLANE.periodic), np.zeros((2, 2)), np.zeros(2)
     for t in np.linspace(0, end, 9 if field.timed else 1):
         most = field.bounds_at(0, t)
@@ -118,7 +118,7 @@ def test_black_boxes_declare_it():
     np.testing.assert_allclose(push, [0.0, np.pi / 2], rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(rates_of(Dynamics([[0.0]], drift, gain, [0.5]))[0], [[0, 1], [1.5, 0]])
     alone = Dynamics([[0.0]], known, gain, [0.5]).read(2).on_axes([0], np.array([0.0, 0.0]))
-    np.testing.assert_allclose(rates(Grid([-3.0], [3.0], [5]), alone, 1.0, 0.1)[0], [[1.0]], rtol=1e-3)
+    np.testing.assert_allclose(lipschitz_bounds(Grid([-3.0], [3.0], [5]), alone, 1.0, 0.1)[0], [[1.0]], rtol=1e-3)
     with pytest.raises(ValueError, match="drift is a BlackBox without a slope, which a Sensing needs"):
         rates_of(Dynamics([[0.0]], replace(drift, slope=None)))
     with pytest.raises(ValueError, match="gain is a BlackBox without a rate"):
