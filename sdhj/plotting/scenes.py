@@ -25,7 +25,8 @@ def draw_arm(ax: Axes, scene: ArmScene, q: State, *, alpha: float = 1.0, zorder:
     ax : matplotlib.axes.Axes
         What is drawn on.
     scene : ArmScene
-        `sdhj.arm.case_studies.scene(problem)`, of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+        What `scene` of `sdhj.arm.case_studies` returns for a problem of `sdhj.arm_case_study` or
+        `sdhj.evader_case_study`.
     q : (2,) array
         The joint angles, rad.
     alpha, zorder : float
@@ -73,7 +74,8 @@ def draw_workspace(
     ax : matplotlib.axes.Axes
         What is drawn on.
     scene : ArmScene
-        `sdhj.arm.case_studies.scene(problem)`, of a problem of `sdhj.arm_case_study` or `sdhj.evader_case_study`.
+        What `scene` of `sdhj.arm.case_studies` returns for a problem of `sdhj.arm_case_study` or
+        `sdhj.evader_case_study`.
     state : (4,) array, optional
         Joint angles, rad, and the position of the pursuer or evader, m; by default these and the arm are left out.
     time : float
