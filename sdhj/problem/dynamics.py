@@ -563,19 +563,18 @@ class VectorField:
 
         Bounds that do not depend on time are evaluated once for each input.
         """
-        if not self.bounds.timed and j in self._still_bounds:
+        if j in self._still_bounds:
             return self._still_bounds[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
-        self._still_bounds[j] = read_only(bounds.copy())
+        if not self.bounds.timed:
+            self._still_bounds[j] = read_only(bounds.copy())
         return bounds
 
     @cached_property
     def _still_bounds(self) -> dict[int, FloatArray]:
-        """The half-widths that `bounds_at` found last, by input, filled in by it; read only where they do not depend on
-        time.
-        """
+        """The half-widths (D,) that `bounds_at` has found, by input; filled in by it where they do not depend on time."""
         return {}
 
     @cached_property
