@@ -574,7 +574,7 @@ class VectorField:
 
     @cached_property
     def _still_bounds(self) -> dict[int, FloatArray]:
-        """The half-widths (D,) that `bounds_at` has found, by input; filled in by it where they do not depend on time."""
+        """The half-widths (D,) that `bounds_at` has found, by input; it fills them in unless they depend on time."""
         return {}
 
     @cached_property
