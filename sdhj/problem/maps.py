@@ -43,6 +43,7 @@ MODES = ("trinary", "scale")
 UNKNOWN_GREY = 205  # with which map savers mark unknown pixels
 BYTES_A_PIXEL = 130  # that reading a map and making its distances take at most
 MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
+MOST_NESTED = 100  # brackets within one another in a YAML file
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
 MOST_CHUNKS, SHORT_CHUNK = (
@@ -158,7 +159,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
     what, words = "the YAML file of a map", {"0": False, "1": True} | yaml.SafeLoader.bool_values
     try:
         # to this loader every value is text: numbers are those of YAML 1.2, such as 1e-1, and nothing is made of tags
-        entries = yaml.load(contents(path, MOST_TEXT).decode("utf-8"), Loader=yaml.BaseLoader)
+        entries = yaml.load(contents(path, MOST_TEXT).decode("utf-8"), Loader=_little_nested(yaml.BaseLoader))
         if not isinstance(entries, dict) or (lacking := [key for key in KEYS if key not in entries]):
             said = f"it lacks {', '.join(lacking)}" if isinstance(entries, dict) else "it has no keys"
             raise ValueError(f"it must have the keys {', '.join(KEYS)}, and {said}")
@@ -187,6 +188,21 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
             stacklevel=4,
         )
     return blocked, resolution, origin
+
+
+def _little_nested(loader: Any) -> Any:
+    """A loader of PyYAML, as `loader`, that raises RecursionError past `MOST_NESTED` brackets within one another.
+
+    PyYAML looks 1,024 characters ahead for a key, and at each at all brackets that are open: a second of brackets alone.
+    """
+
+    class LittleNested(loader):  # type: ignore[misc]
+        def fetch_flow_collection_start(self, token: Any) -> None:
+            if self.flow_level >= MOST_NESTED:
+                raise RecursionError
+            super().fetch_flow_collection_start(token)
+
+    return LittleNested
 
 
 def spelled(text: Any) -> Any:
