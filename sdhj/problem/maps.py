@@ -193,7 +193,7 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
 def _little_nested(loader: Any) -> Any:
     """A loader of PyYAML, as `loader`, that raises RecursionError past `MOST_NESTED` brackets within one another.
 
-    PyYAML looks 1,024 characters ahead for a key, and at each at all brackets that are open: a second of brackets alone.
+    PyYAML looks 1,024 characters ahead for a key, and at each at all brackets that are open: a second for brackets.
     """
 
     class LittleNested(loader):  # type: ignore[misc]
