@@ -25,7 +25,7 @@ from sdhj.certified.table import CellSets
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "intervals": [(Images, "reached")],
-    "unsafe sets": [(GeneralProof, "_mark_collisions"), (GeneralProof, "_lattices")],
+    "unsafe sets": [(GeneralProof, name) for name in ("_mark_collisions", "_lattices", "_mark_in_words")],
     "arrivals": [(Arrivals, "add")],
     "recursion": [(CellSets, "extend"), (CellSets, "goal"), (CellSets, "finish")],
 }
