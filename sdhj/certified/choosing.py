@@ -49,7 +49,7 @@ from sdhj.certified.general_proof import finest, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
 from sdhj.certified.oblique import normals_of
 from sdhj.certified.packing import packed_axis
-from sdhj.certified.word_tubes import goes_along, in_words, pieces_of
+from sdhj.certified.word_tubes import goes_along, in_words, pieces_of, size_in_words
 from sdhj.formulas.formula import BlackBox
 from sdhj.formulas.graph import ordered
 from sdhj.kernels import FloatArray
@@ -610,15 +610,9 @@ def _cost_in_words(
     own, alike = [axes[k] for k in unsafe_set.axes], np.isin(unsafe_set.axes, _moved_alike(speeds))
     boxes = math.prod(axis.count for axis in own) * spans * math.prod(pieces_of(own, alike, spans).tolist())
     bits = BIT * cells * count * (times if unsafe_set.moving else starts)
-    return BOXED * boxes * _operations(unsafe_set.level_set) + WORD * _words(axes) * count * parts * starts + bits
-
-
-def _words(axes: Sequence[CellAxis]) -> int:
-    """How many words a set is kept in: of 64 cells along the last axis each, the last of a row part empty.
-
-    axes : the cells of each axis.
-    """
-    return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
+    return (
+        BOXED * boxes * _operations(unsafe_set.level_set) + WORD * size_in_words(axes) * count * parts * starts + bits
+    )
 
 
 def _cost_of_arrivals(problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], depends: FloatArray) -> float:
@@ -655,7 +649,7 @@ def _cost_of_recursion(
         entries *= (problem.most_steps + 1) / 2
     cells = math.prod(axis.count for axis in axes)
     if goes_along(problem, depends, range(len(axes))):
-        return entries * (WORD * _words(axes) * len(problem.inputs) + IN_WORDS * cells)
+        return entries * (WORD * size_in_words(axes) * len(problem.inputs) + IN_WORDS * cells)
     packed = packed_axis(problem.grid, axes, depends, bool(len(normals_of(problem, axes, depends))))
     each = ENTRY + LED * math.sqrt(len(problem.inputs))
     if depends[packed] or problem.grid.has("frees"):

@@ -21,7 +21,16 @@ from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
 from sdhj.certified.packing import Changes, Packing
-from sdhj.certified.word_tubes import Lattice, boxes_in_words, far_beyond, in_words, lattice_for, united, windows
+from sdhj.certified.word_tubes import (
+    Lattice,
+    boxes_in_words,
+    far_beyond,
+    in_words,
+    lattice_for,
+    size_in_words,
+    united,
+    windows,
+)
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.interpolation import SLACK
@@ -107,7 +116,7 @@ def lattice_of(
 
 BYTES_OF_A_BOX = 16  # while the cells in a set are looked for; and in each lap, while boxes are counted
 FINEST = 8  # pieces of a part
-WORDS_OF_A_WORD = 40  # while cells are looked at in words: boxes of half a cell on three axes, with margins, and unions
+SETS_AT_HAND = 40  # as many as boxes of half a cell on three axes, with margins, and their unions take in words
 TUBES_AT_HAND = 500_000  # of all inputs, places and parts, that are kept for sets that are met in words
 EVALUATED = 4_000_000  # boxes in which a velocity is asked for, before pieces become as long as parts
 
@@ -148,7 +157,6 @@ def peak(
     `shapes` returns them.
     """
     own = place_axes(problem, axes)
-    words = math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
     united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
@@ -156,7 +164,7 @@ def peak(
         if not any(part is one for one in united)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
-    needed += 8 * words * (moves[1] + WORDS_OF_A_WORD) if united else 0
+    needed += 8 * size_in_words(axes) * (moves[1] + SETS_AT_HAND) if united else 0
     needed += most_bytes(problem, axes, own) + math.prod(sites_of(problem, axes, own)[1])
     if own[-1]:  # once more, as the recursion asks for them
         needed += 4 * math.prod(moves[1:]) + math.prod(clear[1:])

@@ -75,6 +75,14 @@ def goes_along(problem: ReachAvoidProblem, depends: FloatArray, axes: Sequence[i
     return len(axes) >= LEAST_AXES and last and not depends[list(axes)].any() and not problem.grid.has("frees")
 
 
+def size_in_words(axes: Sequence[CellAxis]) -> int:
+    """How many words a set of cells is kept in: of 64 cells along the last axis each, the last of a row part empty.
+
+    axes : the cells of each axis.
+    """
+    return math.prod(axis.count for axis in axes[:-1]) * -(-axes[-1].count // 64)
+
+
 def pieces_of(axes: Sequence[CellAxis], alike: FloatArray, share: int) -> FloatArray:
     """Into how many pieces a cell is cut along each axis: (d,).
 
