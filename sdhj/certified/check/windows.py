@@ -247,24 +247,32 @@ class AtOnce:
                 tubes = self.tubes[:, piece : piece + 1] if part.moving else self.tubes  # check 4.70
                 some = tubes.reshape(-1, 2, tubes.shape[-1])
                 windows = [self.windows(lattice, k, some[:, :, axis], axis) for k, axis in enumerate(own)]
-                asked = None
-                if len(own) == len(self.shape) and len(robot.clear) == 1:  # of where no input is clear nothing is asked
-                    clear, each = self.clear_in(0), tubes.shape[1]
-
-                    def said_clear(some: Array, clear: Any = clear, each: int = each) -> Array:
-                        """From which cells the input of any of some tubes is said to be clear: uint8, packed.
-
-                        some (m,) : numbers of tubes, of which every input has `each`. clear : of `clear_in`. Both are
-                        those of this turn of the loop.
-                        """
-                        return np.bitwise_or.reduce([clear[j] for j in np.unique(some // each).tolist()])
-
-                    asked = overlapped(said_clear, shape, windows, np.arange(len(some)))
-                boxes = lattice.united(signs, asked)
+                boxes = lattice.united(signs, self.boxes_asked(own, shape, windows, tubes.shape[1]))
                 for alike, found in united(boxes, shape, windows, np.arange(len(some))):
                     met[np.unique(alike // tubes.shape[1])] |= found  # check 4.71
             self.met[key] = met.reshape(robot.count, self.places, *met.shape[1:])
         return self.met[key]
+
+    def boxes_asked(
+        self, axes: Sequence[int], shape: Sequence[int], windows: Sequence[Windows], each: int
+    ) -> Array | None:
+        """The boxes that tubes overlap from cells where their input is said to be clear; nothing else is asked of.
+
+        uint8 flags, packed along the last axis; None, for all boxes, unless the set has all axes and `clear` is the
+        same in all steps.
+
+        axes : the set's. shape : the numbers of boxes along them. windows : for each axis the windows of all tubes.
+        each : how many tubes an input has, one behind the other.
+        """
+        if len(axes) < len(self.shape) or len(self.robot.clear) > 1:
+            return None
+        clear = self.clear_in(0)
+
+        def said_clear(some: Array) -> Array:
+            """From which cells the input of any of the tubes `some` (m,) is said to be clear: uint8, packed."""
+            return np.bitwise_or.reduce([clear[j] for j in np.unique(some // each).tolist()])
+
+        return overlapped(said_clear, shape, windows, np.arange(len(windows[0][2])))
 
     def lattice_of(self, part: Any, step: int) -> tuple[Lattice, list[list[Holds]]]:
         """The lattice on an unsafe set's axes for the tubes of `look_at`, and what bounds the set's function there.
