@@ -215,7 +215,7 @@ class Table:
             tube of the state's cell may be in it, or how many cells that it may lead to are not certified. What is
             not proved at these cells may be true all the same, and may be proved at others: causes and what helps were
             tried on coarse copies of the problem (`sdhj.certified.limits`), which are solved when a table is asked
-            first, for up to half the time of its solve or a few seconds.
+            first: for up to half the time of a long solve, and several times that of a short one.
 
         Raises
         ------
