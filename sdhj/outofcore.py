@@ -76,7 +76,7 @@ def solve_stored(
         if again := resume and path.exists():
             store, head, _ = opened_store(path, problem)
             plan = planned(problem, method, cut_of(store, head, method))
-            store.check(list(store.entered))
+            store.check(list(store.finished_slabs))
         else:
             require_free_name(path)
             plan = planned(problem, method, room=slab_memory(memory, client))
@@ -156,7 +156,7 @@ def storable_method(problem: ReachAvoidProblem, method: Method, resume: Any, cli
         'games="joint"': isinstance(method, HJI) and method.games == "joint",
         "steps=None": problem.steps is None,
         "sensing": problem.sensing,
-        "dynamics that depend on time": problem.dynamics.timed,
+        "dynamics that depend on time": problem.dynamics.depends_on_time,
         "safe ends": problem.grid.has("frees"),
     }
     if reason := next((reason for reason, applies in reasons.items() if applies), None):

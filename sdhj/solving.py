@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
 
-from sdhj.certified.explaining import scanty
+from sdhj.certified.explaining import scanty_finding
 from sdhj.certified.sets import Certified
 from sdhj.certified.table import CertifiedTable
 from sdhj.kernels.compiling import announced, hidden
@@ -17,7 +17,7 @@ from sdhj.problem.cost import MOST_OPERATIONS, Cost, Meter, Stated
 from sdhj.problem.findings import Finding, findings, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.suspected import suspicions
-from sdhj.simulation.played import judged_at_the_end, played
+from sdhj.simulation.played import check_by_runs, played
 from sdhj.solver.avoid import dangers
 from sdhj.solver.former import Former
 from sdhj.solver.methods import HJI, HopfLax, Method
@@ -220,7 +220,7 @@ def _handed_out(table: Table, method: Method, former: Former | None = None) -> T
     Only a `LookupTable` has the latter (`Kept`): the method and, if `former` is given, the avoid tubes of each set and
     the solutions of the PDE that it has collected in this solve.
     """
-    kept = Kept(method, former.each, former.still) if former else Kept(method)
+    kept = Kept(method, former.each, former.frame_solutions) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
     return cast(Table, replace(cast(Any, table), player=played, **fields))
 
@@ -234,8 +234,8 @@ def _simulated_at_the_end(table: Table) -> dict[str, Any]:
     """
     try:
         if isinstance(table, CertifiedTable):
-            tell(scanty(table))
-        return {} if table.proved else judged_at_the_end(table)
+            tell(scanty_finding(table))
+        return {} if table.proved else check_by_runs(table)
     except Warning:  # where the caller made warnings errors
         raise
     except (Exception, KeyboardInterrupt) as error:

@@ -208,7 +208,7 @@ def test_reachable_states_are_the_hull(compass):
     table, states = compass
     interval, sides = table.problem.interval(0), np.array([[0, 0], [0, 1], [1, 0], [1, 1], [0.5, 0.5]], dtype=float)
     (low,), (high,) = interval.reachable_boxes(states[:1])
-    (ends,) = interval.reaches(states[:1], sides)
+    (ends,) = interval.reachable_points(states[:1], sides)
     for j, way in enumerate(WAYS):
         if not way.any():
             continue
@@ -245,7 +245,7 @@ def test_at_a_wall_the_box_is_seen(compass):
 def test_with_one_piece_margins_are_boxes():
     problem = misled(21, pieces=1)
     assert problem.interval(0).normals.shape == (0, 2)
-    assert len(problem.interval(0).ahead(np.zeros((1, 2)))) == 4
+    assert len(problem.interval(0).displacement_sets(np.zeros((1, 2)))) == 4
 
 
 @pytest.mark.parametrize("rule", ["select", "filter"])

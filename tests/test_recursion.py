@@ -42,7 +42,7 @@ class FiniteSets:
         won = {q for lead in self.leads[step] for q, ends in enumerate(lead) if ends and ends <= later}
         self.entries[self.key(step, within)] = self.entries[self.key(step, within - 1)] | won
 
-    def stopped(self, step, within):
+    def unchanged(self, step, within):
         return self.entries[self.key(step, within)] == self.entries[self.key(step, within - 1)]
 
     def share(self, step, within):

@@ -60,7 +60,7 @@ def test_shared_tubes_are_the_tubes_that_would_be_computed(monkeypatch, problem,
     """Where nothing depends on time, and where a tube has stopped growing: the same tubes as one by one."""
     table = sdhj.solve(problem(), method=method)
     monkeypatch.setattr(sdhj.ReachAvoidProblem, "time_invariant", False)
-    monkeypatch.setattr(recursion.GridSets, "stopped", lambda self, step, within: False)
+    monkeypatch.setattr(recursion.GridSets, "unchanged", lambda self, step, within: False)
     computed = sdhj.solve(problem(), method=method)
     assert len(table.tubes) <= len(computed.tubes) == len(computed.index)
     for start, within in entries(table.steps).tolist():

@@ -242,7 +242,7 @@ class _Search:
 
     def __init__(self, controller: Controller, population: int, switches: int, rng: np.random.Generator) -> None:
         self.controller, self.population, self.rng = controller, population, rng
-        self.shape = (controller.problem.steps, switches, controller.problem.dynamics.adversaries)
+        self.shape = (controller.problem.steps, switches, controller.problem.dynamics.disturbance_dim)
 
     def run(self, starts: FloatArray, generations: int) -> dict[str, FloatArray]:
         """Evolve plans for each start (S, ndim) until it is lost or the generations are over; see `SearchReport`."""

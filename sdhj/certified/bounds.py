@@ -75,7 +75,9 @@ class Bounds:
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
-    def level(self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float) -> FloatArray:
+    def bounds_of_level_set(
+        self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float
+    ) -> FloatArray:
         """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
 
         They hold for all times from t0 to t1, s, in the part of each box that is on the grid, and are infinite where
@@ -83,9 +85,9 @@ class Bounds:
 
         part : the set. low, high : the corners of the boxes, (M, axes) each.
         """
-        return self._level(part.axes, part.level_set, low, high, t0, t1)
+        return self._bounds_of_function(part.axes, part.level_set, low, high, t0, t1)
 
-    def _level(
+    def _bounds_of_function(
         self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
         """The least and the greatest value of a function of `axes` over boxes (M, axes) during [t0, t1], s: (2, M).
@@ -162,7 +164,9 @@ class Bounds:
         out = np.empty([ends.size for ends in first], np.int8)
         for at in _in_runs(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
-            out.ravel()[at] = _sign(self._level(axes, function, picked(first, there), picked(last, there), *times))
+            out.ravel()[at] = _sign(
+                self._bounds_of_function(axes, function, picked(first, there), picked(last, there), *times)
+            )
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
         for at in _in_runs(left):
@@ -191,8 +195,12 @@ class Bounds:
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
             middle = (low + high) / 2
-            out[box[self.level(part, middle, middle, *times)[0] > 0.0]] = False  # at once, without cutting
-            left = np.flatnonzero(out[box] & (self.level(part, low, high, *times)[1] > 0.0))  # obligation 9.12
+            out[box[self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0]] = (
+                False  # at once, without cutting
+            )
+            left = np.flatnonzero(
+                out[box] & (self.bounds_of_level_set(part, low, high, *times)[1] > 0.0)
+            )  # obligation 9.12
             box, low, high, middle = box[left], low[left], high[left], middle[left]
             if turn == halvings or not left.size or left.size << low.shape[1] > most:
                 break
@@ -221,7 +229,7 @@ class Bounds:
         """
         (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
         for turn in range(halvings + 1):
-            sign = _sign(self._level(axes, function, low, high, *times))
+            sign = _sign(self._bounds_of_function(axes, function, low, high, *times))
             above[box[sign > 0]] = below[box[sign < 0]] = True
             left = (sign == 0) & ~(above & below)[box]
             box, low, high = box[left], low[left], high[left]

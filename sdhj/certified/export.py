@@ -410,7 +410,7 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
         cell's own index. A place stands for all cells that have the same indices on the axes of the mask.
     """
     problem = table.problem
-    starts, masks, images = problem.steps if problem.dynamics.timed else 1, list[int](), list[FloatArray]()
+    starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
     for axis, reads in enumerate(table.proof.depends):
         cells = (
             np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
@@ -496,7 +496,7 @@ def python_answers(
             )
         out.append(said)
     if problem.sensing.remembers and left:
-        rows, *ends = table.led(states, wanted, step)
+        rows, *ends = table.image_cells(states, wanted, step)
         for m, first, last in zip(rows.tolist(), *ends, strict=True):
             each = [one & 0xFFFFFFFF for pair in zip(first.tolist(), last.tolist(), strict=True) for one in pair]
             out[m] += b"" if where[m] else b"".join(struct.pack("<BI", 0, one) for one in each)

@@ -110,7 +110,7 @@ class LosingProof(Images):
         moving = [part for part in always if part.moving]
         still = np.zeros([axis.count for axis in self.axes], np.bool_)
         for part in always:
-            still |= False if part.moving else self.over_cells(part, self._always) < 0
+            still |= False if part.moving else self.over_cells(part, self._all_times) < 0
         out = []
         for t in (self.problem.time(step) for step in range(self.problem.steps + 1 if moving else 1)):
             met = [self.over_cells(part, (t, t)) < 0 for part in moving]
@@ -125,7 +125,7 @@ class LosingProof(Images):
         inside, t = self.inside[min(step, len(self.inside) - 1)].copy(), self.problem.time(step)
         if self.problem.has_no_target:
             return inside
-        outside = self.over_cells(self.problem.target, self._always if self.time_invariant else (t, t)) > 0
+        outside = self.over_cells(self.problem.target, self._all_times if self.time_invariant else (t, t)) > 0
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 

@@ -115,7 +115,7 @@ def rates_along(
             return np.min([one[0] for one in pieces], axis=0), np.max([one[1] for one in pieces], axis=0)
         (least, most), gain = (dynamics.each[name][j].bounds(low, high, times) for name in ("drift", "gain"))
         a, b = _component(normals, least, most)
-        for d in range(dynamics.adversaries):
+        for d in range(dynamics.disturbance_dim):
             push = np.maximum(*np.abs(_component(normals, gain[0][:, :, d], gain[1][:, :, d]))) * v_most[d]
             a, b = a - push, b + push  # obligation 2.42
         return a, b

@@ -25,7 +25,7 @@ from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.solver.recursion import recursion, unsettled
+from sdhj.solver.recursion import recursion, unsettled_finding
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
 from sdhj.table.files import PACKING, TableFileError, stored, written_table
@@ -136,7 +136,7 @@ class CertifiedTable(Table):
         place = self.tube_index(start, within)
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
-            around = self.around(np.atleast_2d(points)[out])
+            around = self.points_of_error_box(np.atleast_2d(points)[out])
             kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
             out[out] = kept.reshape(around.shape[:2]).all(axis=1)
         return out
@@ -158,7 +158,7 @@ class CertifiedTable(Table):
         fewest_of_cells(cell[None], self.cells, self.index[place : place + 1], self.pool, out)
         return bool(out[0] == 0)
 
-    def around(self, states: FloatArray) -> FloatArray:
+    def points_of_error_box(self, states: FloatArray) -> FloatArray:
         """Points (M, V, ndim) of the box E around each state (M, ndim), one at least in every cell that it overlaps.
 
         The corners of the box among them. Clipped at bounded ends that are not safe. Where all of them are in a set of
@@ -282,7 +282,7 @@ class CertifiedTable(Table):
         every = np.ones((len(cells), len(self.problem.inputs)), np.bool_)
         return self.proof.inputs(cells, np.ones(len(cells), np.int64), step, self.index[:0], self.pool, every, False)
 
-    def next_bounds(
+    def bounds_of_next_points(
         self, points: FloatArray, inputs: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The boxes in which a controller that remembers goes on, and how far from them the next measurement may be.
@@ -290,10 +290,10 @@ class CertifiedTable(Table):
         Returns three arrays (M, ndim). The lower and the upper corners: the ends of the cells that points (M, ndim) at
         a step are led to under inputs (M,), indices, or a point half a shell behind a wall where all of them are its
         layer; NaN for a point off the grid. And how far the measurement may be along each axis: 2 E, or E where both
-        corners are the same. If several cells are within the shell of a point, that counts which `led` takes.
+        corners are the same. If several cells are within the shell of a point, that counts which `image_cells` takes.
         """
         low, high = np.full((2, *points.shape), np.nan)  # off the grid
-        rows, begin, end = self.led(points, inputs, step)
+        rows, begin, end = self.image_cells(points, inputs, step)
         low[rows], high[rows] = self._edge(begin), self._edge(end + 1)
         cells, behind = self.cells, 0.5 * self.proof.shell  # a wall: the one point of a layer
         lower, length = cells.lower + cells.layers[0] * cells.width, cells.length - cells.layers[1] * cells.width
@@ -302,7 +302,9 @@ class CertifiedTable(Table):
             low[rows], high[rows] = (np.where(known, point, one[rows]) for one in (low, high))
         return low, high, np.where(low == high, 1.0, 2.0) * self.proof.prediction_error
 
-    def led(self, points: FloatArray, inputs: FloatArray, step: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def image_cells(
+        self, points: FloatArray, inputs: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The cells that points (M, ndim) at a step are led to under inputs (M,), indices: (rows, first, last).
 
         rows (R,) : the indices of the points that are on the grid.
@@ -411,7 +413,7 @@ class CertifiedTable(Table):
         batch.table = self
         return batch
 
-    def chosen(self, batch: Batch, rule: str) -> FloatArray:
+    def choose_by_rule(self, batch: Batch, rule: str) -> FloatArray:
         """The input that a built-in rule prefers at the centre of each state's cell: (M,), -1 where no input is safe.
 
         batch : what `answers` has returned for the states, without scores. rule : a name in `sdhj.table.rules.RULES`.
@@ -431,11 +433,11 @@ class CertifiedTable(Table):
         found = preferred(np.where(batch.safe, scores, np.inf), batch.margins)
         return np.where(batch.safe.any(axis=1), found, batch.best)
 
-    def passes(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
+    def passes_true_sets(self, states: FloatArray, inputs: FloatArray, step: int, left: FloatArray) -> FloatArray:
         """Whether each input passes the check against the true sets, as controllers ask any table: all True, (M,).
 
         Nothing needs to be checked, as safe inputs are proved. Of the arguments only the length of `inputs` (M,) is
-        used; the contract is that of `sdhj.table.batches.Table.passes`.
+        used; the contract is that of `sdhj.table.batches.Table.passes_true_sets`.
         """
         return np.ones(len(inputs), np.bool_)
 
@@ -461,10 +463,10 @@ class CertifiedTable(Table):
             drawn = np.random.default_rng(0).uniform(self.grid.lower, self.grid.upper, (STATES_DRAWN, self.grid.ndim))
             return float(self.contains(drawn, start=start, within=within).mean())
         shares = _product([axis.shares() for axis in self.axes[: self.proof.rows]])
-        return float(np.sum(self._measures[self.index[self.tube_index(start, within)]] * shares))
+        return float(np.sum(self._block_volumes[self.index[self.tube_index(start, within)]] * shares))
 
     @kept
-    def _measures(self) -> FloatArray:
+    def _block_volumes(self) -> FloatArray:
         """The share of the packed axes' volume that each block of the pool holds, (blocks,); computed once."""
         axes, slabs = self.axes[self.proof.rows :], (self.pool[at : at + SLAB] for at in range(0, len(self.pool), SLAB))
         shares = _product([axis.shares() for axis in axes])
@@ -642,7 +644,7 @@ class CellSets:
         if self.proof.problem.steps is None:
             self.filled, self.changing = within, float(np.bitwise_count(self.cells ^ before).mean() / 64)
 
-    def stopped(self, step: int, within: int) -> bool:
+    def unchanged(self, step: int, within: int) -> bool:
         """Whether the entry (step, within), which has been computed, is the same set as (step, within - 1).
 
         If the proof has several `phases`, whether the set has not changed for so many steps.
@@ -677,7 +679,7 @@ class CellSets:
             last = max(changed, default=1)
             facts |= {"endless": True} if self.settled or not problem.has_no_target else {}
             if not self.settled:
-                tell(unsettled(problem, last, self.changing))
+                tell(unsettled_finding(problem, last, self.changing))
             proof = replace(proof, problem=replace(problem, steps=last))
         index = np.zeros((len(self.added), self.shape[0]), np.uint32)
         pool, used = [np.zeros((1, self.shape[1]), np.uint64)], 1  # its first block is empty

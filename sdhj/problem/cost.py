@@ -168,7 +168,7 @@ def multiplied(problem: Any, tubes: int, size: int, what: str) -> str:
     "cells".
     """
     moving = [repr(part.name) for part in problem.all_sets if part.moving]
-    moving += ["the dynamics"] * problem.dynamics.timed
+    moving += ["the dynamics"] * problem.dynamics.depends_on_time
     depends = moving[0] + (f" and {len(moving) - 1} more depend" if moving[1:] else " depends") if moving else ""
     why = f" (N (N + 1) / 2 in place of N = {problem.steps:,}, because {depends} on time)" if moving else ""
     return f"{tubes:,} tubes{why} of {size:,} {what} for {len(problem.inputs)} inputs"

@@ -175,9 +175,9 @@ def read_map(path: Path) -> tuple[FloatArray, float, Sequence[float]]:
         if not isinstance(image, str):
             raise ValueError(f"image must be the name of a file, got {reprlib.repr(image)}")
     except RecursionError:
-        raise refused(path, what, "it is nested too deeply") from None
+        raise file_error(path, what, "it is nested too deeply") from None
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise refused(path, what, error) from error
+        raise file_error(path, what, error) from error
     grey, opaque = read_image(path.parent / image)
     darkness = (grey if words[negate.lower()] else 255.0 - grey) / 255.0
     blocked = ~((darkness < free) & opaque)
@@ -239,7 +239,7 @@ def read_image(path: Path) -> tuple[FloatArray, FloatArray]:
                 return grey / 257.0, grey != image.info.get("transparency", -1)
             pixels = np.asarray(image.convert("RGBA"))
     except (OSError, ValueError, SyntaxError, *bombs) as error:
-        raise refused(path, "a picture of a map, such as a PGM or PNG file", error) from error
+        raise file_error(path, "a picture of a map, such as a PGM or PNG file", error) from error
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255
 
 
@@ -317,6 +317,6 @@ def require_memory_for_map(width: int, height: int) -> None:
     require(BYTES_A_PIXEL * width * height, f"a map of {width:,} x {height:,} pixels", "scale it down")
 
 
-def refused(path: Path, what: str, why: Exception | str) -> ValueError:
+def file_error(path: Path, what: str, why: Exception | str) -> ValueError:
     """Make, not raise, a ValueError that says in one line that the file is not `what` it should be, and `why`."""
     return ValueError(one_line(f"{path} is not {what}: {getattr(why, 'strerror', None) or why}"))

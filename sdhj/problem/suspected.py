@@ -138,7 +138,7 @@ def _functions(problem: ReachAvoidProblem, axis: int) -> Iterator[Callable[[Floa
         yield from _velocities(problem)
     for part in problem.all_sets:
         if axis in part.axes:
-            yield partial(_level, problem, part)
+            yield partial(_level_set_values, problem, part)
 
 
 def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], FloatArray]]:
@@ -152,7 +152,7 @@ def _velocities(problem: ReachAvoidProblem) -> Iterator[Callable[[FloatArray], F
         yield partial(dynamics.velocity_at, j=j, v=dynamics.bounds_at(j, t), t=t)
 
 
-def _level(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
+def _level_set_values(problem: ReachAvoidProblem, part: TargetSet | UnsafeSet, states: FloatArray) -> FloatArray:
     """Level-set values (M,) of a set at states (M, ndim) at the time of step 0.
 
     The states are not wrapped into the grid.

@@ -275,7 +275,7 @@ def simulate(
         states=np.array([start, *(state for _, state, _ in seen)]),
         inputs=inputs,
         steps_to_go=steps_to_go,
-        disturbances=np.array([v for _, _, v in seen]).reshape(-1, controller.problem.dynamics.adversaries),
+        disturbances=np.array([v for _, _, v in seen]).reshape(-1, controller.problem.dynamics.disturbance_dim),
         outcome=OUTCOMES[outcomes[0]],
     )
 
@@ -365,9 +365,9 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
         on time, or is no whole number from 1 on.
     """
     table = controller.table
-    if steps is None and table.details.get("endless") and not controller.timed:
+    if steps is None and table.details.get("endless") and not controller.depends_on_time:
         return FOREVER_PLAYED if table.problem.has_no_target else table.steps
-    if steps is not None and controller.timed:
+    if steps is not None and controller.depends_on_time:
         raise ValueError(f"steps must be left out: as time matters, runs follow the table's {table.steps} steps")
     return None if steps is None else whole("steps", steps, least=1)
 
@@ -410,7 +410,7 @@ def admissible_states(controller: Controller, count: int, rng: np.random.Generat
         states = rng.uniform(grid.lower, grid.upper, (max(1024, 2 * count), grid.ndim))
         within = np.full(len(states), steps)
         inside = states[controller.table.values_at(states[:, None], 0, within)[:, 0] <= 0][:missing]
-        inside = inside[~controller.problem.refuted(inside, 0, steps)]
+        inside = inside[~controller.problem.surely_in_no_tube(inside, 0, steps)]
         if controller.problem.sensing:  # admissible for every measurement of the state
             inside = inside[controller.table.contains(inside, start=0, within=steps)]
         found.append(inside)

@@ -132,7 +132,7 @@ class Plan:
         window, kept = self.window(number)
         return window, self.make(self.problem.on(window), counted=self.counted, wanted={self.axis: kept})
 
-    def play_avoid(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
+    def avoid_games_on_slab(self, game: AvoidGame, number: int) -> tuple[Any, tuple[slice, ...]]:
         """The games by which an avoid game is played on slab `number`, and where the slab lies in their tubes.
 
         The second is a slice for each axis of the tubes, without that of the inputs.
@@ -219,7 +219,10 @@ def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
     if games.moving_frame:
         steps = games.velocities(0, games.axes, 0, False).steps(games.grid, games.duration, games.scheme.cfl)
         drift, spacing = np.abs(problem.dynamics.arrays[0][:, axis]).max(), games.grid.spacing[axis]
-        reached = max(nodes_read_in_a_step(games.scheme) * steps, nodes_read(float(games.pushed[axis]) / spacing))
+        reached = max(
+            nodes_read_in_a_step(games.scheme) * steps,
+            nodes_read(float(games.displacement_by_disturbance[axis]) / spacing),
+        )
         return reached + nodes_read(float(drift) * games.duration / spacing)
     return nodes_read_in_a_step(games.scheme) * _most_time_steps(games, games.axes, counted)
 
@@ -229,7 +232,7 @@ def avoid_halo(games: HJIGames | HopfLaxGames, axes: Axes, axis: int, counted: M
 
     games : those of the whole grid of the danger's problem. counted : what `time_steps` returned for `axes`, or {}.
     """
-    if isinstance(games, HopfLaxGames) or games.by_formula(axes):
+    if isinstance(games, HopfLaxGames) or games.uses_hopf_lax(axes):
         speed = np.abs(games.problem.interval(0).extremes(0.0))[..., axis].max()
         more = 2 * games.problem.interval(0).segments(axes).shape[1]  # as in `HopfLaxGames.reads`
         return nodes_read(float(speed) * games.duration / games.problem.grid.spacing[axis] + more)
@@ -284,12 +287,12 @@ def bytes_of_games(problem: ReachAvoidProblem, grid: Grid, dtype: str, arrays: i
     found = grid.sampling_bytes + arrays * item * grid.size
     if not dynamics.stateless:
         whole = not dynamics.formulas or dynamics.gain is None or dynamics.couples(axes)
-        each = 8 * (2 * dynamics.adversaries + 6) if whole else 12  # boxes lie on the axes that they read
+        each = 8 * (2 * dynamics.disturbance_dim + 6) if whole else 12  # boxes lie on the axes that they read
         each += 8 * (3 + grid.ndim) * (math.prod(dynamics.cuts(axes)) - 1)
         velocities = each * grid.ndim * grid.size
         found += velocities + min(KEPT, count * times * velocities)
         at_once = min(count * grid.size, max(grid.size, count * FEW))
-        found += item * (grid.ndim * (3 + dynamics.adversaries) * at_once + arrays * (at_once - grid.size))
+        found += item * (grid.ndim * (3 + dynamics.disturbance_dim) * at_once + arrays * (at_once - grid.size))
     return found
 
 

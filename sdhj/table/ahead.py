@@ -33,7 +33,7 @@ def prepared(
     grid, begin, end = problem.grid, problem.time(step), problem.time(step + 1)
     interval, order = problem.interval(step), np.arange(grid.ndim)
     if problem.dynamics.stateless:  # the axes with the fewest different intervals first, as in `sdhj.solver.hopf_lax`
-        ends = interval.ahead(np.array([grid.lower]))[:2, :, :, 0]
+        ends = interval.displacement_sets(np.array([grid.lower]))[:2, :, :, 0]
         order = np.argsort([len(np.unique(ends[:, :, axis], axis=1).T) for axis in order], kind="stable")
     path = [begin + (end - begin) * part / CHECKED_INSTANTS for part in range(1, CHECKED_INSTANTS)]
     times = np.array([begin] if step == problem.most_steps else [*path, end, begin, *[end] * 2**grid.ndim])
@@ -55,7 +55,7 @@ def tapes_of(problem: ReachAvoidProblem) -> tuple[Packable, ...]:
     The first has the ends of the paths under all inputs, and is empty where there is no formula of these; the others
     are empty where there are no such sets. The level-set functions must be formulas.
     """
-    ahead, ndim = problem.interval(0).ahead_formula, problem.grid.ndim
+    ahead, ndim = problem.interval(0).displacement_formula, problem.grid.ndim
     sets = (problem.unsafe, () if problem.has_no_target else (problem.target,))
     unsafe, target = (program([_timed(part, ndim) for part in some]) for some in sets)
     return *program(ahead.outputs if ahead else ()), *unsafe, *target
@@ -85,9 +85,10 @@ def choose_by_true_sets(
 
     table : the `Table` that has answered the batch.
     rows : (R,) int, the states of the batch that are checked.
-    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.ahead` returns it.
+    ends : (4 + K, L, ndim, 1 or R), what the inputs lead to from these states, as `Interval.displacement_sets` returns
+        it.
     scores : (M, L), the least first, for all states of the batch.
-    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._decide` explains.
+    checks : `TRUE_SETS_TOO` or `TRUE_SETS_ONLY`, as `sdhj.table.batches.Table._fill_in_and_check` explains.
     """
     problem, (ints, floats) = table.problem, table.packed_at(batch.step)
     times = floats[slice(*ints[2 * CHECK_TIMES : 2 * CHECK_TIMES + 2])]

@@ -106,7 +106,7 @@ def _temporary(path: Path) -> Iterator[Path]:
         try:
             temporary.touch()
         except OSError as error:
-            raise unwritable(path.parent, error) from error
+            raise unwritable_error(path.parent, error) from error
         yield temporary
     finally:
         with suppress(OSError):
@@ -120,7 +120,7 @@ def writable_file(path: Named) -> Path:
     OSError, with what to do, if not; ValueError if `path` is no name. Nothing is left in the folder by trying.
     """
     path = _regular(path)
-    probed(path.parent, path.name)
+    require_writable(path.parent, path.name)
     return path
 
 
@@ -146,7 +146,7 @@ def _regular(path: Named) -> Path:
     return path
 
 
-def probed(folder: Path, name: str = "probe") -> None:
+def require_writable(folder: Path, name: str = "probe") -> None:
     """Raise OSError, with a message that says what to do, if a file cannot be written in a folder.
 
     An empty file with a hidden name is made there and deleted.
@@ -157,7 +157,7 @@ def probed(folder: Path, name: str = "probe") -> None:
         pass
 
 
-def unwritable(folder: Path, error: OSError) -> OSError:
+def unwritable_error(folder: Path, error: OSError) -> OSError:
     """An OSError, which the caller raises, that says that a folder cannot be written, why, and what to do."""
     why = error.strerror or error
     return OSError(f"cannot write in {folder}: {why}; choose a folder that exists and can be written")

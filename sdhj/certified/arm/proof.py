@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.arm.case_studies import ArmScene, scene
-from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, unknown, velocity_bounds
+from sdhj.certified.cells import MOST_PIECES, CellAxis, moved_bounds, prediction_error_along, velocity_bounds
 from sdhj.certified.images import Proof
 from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, read_only
@@ -105,7 +105,7 @@ class ArmProof(Proof):
         contact = float(stage.agent_radius + stage.arm.half_width)
         fastest = float(max(speeds[2][0][1], speeds[3][0][1]))
         plane = (float(x.lower), float(y.lower), float(x.width), float(y.width), x.count, y.count)
-        prediction_error = float(max(unknown(problem, 2), unknown(problem, 3)))
+        prediction_error = float(max(prediction_error_along(problem, 2), prediction_error_along(problem, 3)))
         agent, pursued = Agent(length, fastest, contact, *plane, prediction_error), stage.agent == "pursuer"
         return cls(problem, axes, parts, ArmMotion(first, number, moves, pieces, allowed, arm, agent, pursued))
 
@@ -287,7 +287,7 @@ def _may_be(problem: ReachAvoidProblem, axes: Sequence[CellAxis], axis: int) -> 
 
     axes : the cells of all axes. axis : the number of one.
     """
-    edges, off = axes[axis].edges(), float(unknown(problem, axis))
+    edges, off = axes[axis].edges(), float(prediction_error_along(problem, axis))
     return np.stack([edges[:-1] - off, edges[1:] + off], axis=1)
 
 
