@@ -33,7 +33,7 @@ from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import over_interval
 from sdhj.kernels.compiling import choice, inlined
 from sdhj.kernels.stages import DIFFERENCES, HAMILTONIANS, _kept, _runs_of_axes, _sum_hamiltonians
-from sdhj.problem.boxes import _leaves, _levels
+from sdhj.problem.boxes import _leaves, _maxima_by_axis
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.games import HJIGames, ObstacleFunction
 from sdhj.solver.schemes import STAGES, Scheme, layout_of, terms_of_inputs
@@ -269,7 +269,7 @@ class Game:
 
     def _most(self, values: Any, sets: int, axes: Sequence[int], low: FloatArray, high: FloatArray) -> Any:
         """Maxima over boxes, done but for the last level, as `sdhj.problem.boxes.maxima`: the level, and the values."""
-        ((_, levels),) = _levels(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
+        ((_, levels),) = _maxima_by_axis(np.stack([low, high], axis=2).astype(float).tobytes(), self.count, 2**30)
         functions, grid = 1, self.grid.subgrid(axes)
         for depth, level in enumerate(levels):
             if (key := (level, tuple(axes))) not in self.known:

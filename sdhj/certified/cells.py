@@ -17,7 +17,7 @@ it is held at the wall.
 Where measurements err nobody sees that a state is at a wall, but a controller that remembers may know it: all that its
 point can have led to is held there. For it the state of a layer is at the wall, and errs along the other axes alone. A
 point is in a layer only if it says so, by lying half a shell behind the wall; a measurement, clipped to the grid, never
-does (`Cells.told`).
+does (`Cells.wall_known`).
 """
 
 import math
@@ -280,14 +280,14 @@ def axis_in_file(grid: Grid, axis: int, width: Any, count: Any, layers: Any = (0
     return axis_of(grid, axis, Fraction(width), (lower, upper))
 
 
-def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
+def cells_of(axes: Sequence[CellAxis], rows: int, wall_known: bool = False) -> Cells:
     """The cells of all axes as arrays for compiled code.
 
     A layer is there a cell of full width outside the wall, so states at the wall are on its border.
 
     axes : the cells of each axis. rows : how many leading axes number the blocks; the cells of the others are packed
         into bits.
-    told : whether only a point that says so is in a layer (`Cells.told`).
+    wall_known : whether only a point that says so is in a layer (`Cells.wall_known`).
     """
     return Cells(
         lower=np.array([float(axis.lower - axis.layers[0] * axis.width) for axis in axes]),
@@ -297,7 +297,7 @@ def cells_of(axes: Sequence[CellAxis], rows: int, told: bool = False) -> Cells:
         counts=np.array([axis.count for axis in axes], dtype=np.int64),
         periodic=np.array([axis.periodic for axis in axes]),
         rows=rows,
-        told=told,
+        wall_known=wall_known,
     )
 
 

@@ -11,7 +11,7 @@ from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
 from sdhj.certified.limits import Gain
 from sdhj.kernels import FloatArray
-from sdhj.kernels.packed import cells_at, held_in_boxes
+from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.checks import states_array
 from sdhj.problem.findings import Finding, findings
 from sdhj.problem.problem import ReachAvoidProblem
@@ -226,7 +226,7 @@ class _Cell:
         low = np.where(known.periodic, low, np.clip(low, 0, known.counts - 1))
         cells = low + np.indices((high - low + 1).tolist()).reshape(len(low), -1).T
         at, answer = np.ascontiguousarray(cells % known.counts), np.empty((2, len(cells)), np.bool_)
-        held_in_boxes(at, at, known, table.index[self.place], table.pool, answer)
+        boxes_in_set(at, at, known, table.index[self.place], table.pool, answer)
         return cells, ~answer[0]
 
     def collision_failure(self, j: int) -> Failure:

@@ -230,7 +230,7 @@ class GeneralProof(Images):
     def inputs(
         self,
         some: FloatArray,
-        ahead: FloatArray,
+        steps_left: FloatArray,
         step: int,
         sets: FloatArray,
         pool: FloatArray,
@@ -239,10 +239,10 @@ class GeneralProof(Images):
     ) -> FloatArray:
         """Which of some inputs are certified for cells `some` (M, ndim), indices, at a step: bool (M, L).
 
-        An input is certified if it stays clear and leads all of the cell into the set with ahead[m] - 1 steps to go, or
-        into the target itself.
+        An input is certified if it stays clear and leads all of the cell into the set with steps_left[m] - 1 steps to
+        go, or into the target itself.
 
-        ahead (M,) : the steps to go; 0: no input is certified.
+        steps_left (M,) : the steps to go; 0: no input is certified.
         step : when the interval begins; not used where neither the dynamics nor an unsafe set depend on time.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
@@ -252,15 +252,15 @@ class GeneralProof(Images):
         """
         out, clear = among.copy(), self.clear[min(step, len(self.clear) - 1)]
         if len(sets) and lines and self.along >= 0:
-            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets[:0], pool, out)
-            inputs_in_lines(some, ahead, self.cells, self.moves(step), self.along, sets, pool, out)
+            certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets[:0], pool, out)
+            inputs_in_lines(some, steps_left, self.cells, self.moves(step), self.along, sets, pool, out)
         else:
-            certified_inputs(some, ahead, self.cells, self.moves(step), clear, sets, pool, out)
+            certified_inputs(some, steps_left, self.cells, self.moves(step), clear, sets, pool, out)
         if len(sets) and len(self.arrives):
             numbers = np.ravel_multi_index(tuple(some.T), self.cells.counts.tolist())
             # obligation 9.16
             bits = clear[numbers] & self.arrives[min(step, len(self.arrives) - 1), some @ self.sites]
-            rows = np.flatnonzero(bits.any(axis=1) & (ahead > 0))
+            rows = np.flatnonzero(bits.any(axis=1) & (steps_left > 0))
             every = np.unpackbits(bits[rows], axis=1, count=out.shape[1], bitorder="little").view(np.bool_)
             out[rows] |= every & among[rows]
         return out

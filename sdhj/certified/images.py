@@ -38,7 +38,7 @@ from sdhj.formulas.formula import Ends
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, Cells
-from sdhj.kernels.pieces import guess_enclosure, hold_back, move_on, narrow_to_face, sweep
+from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_to_face, sweep
 from sdhj.kernels.stencils import Moves, has_lines
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
@@ -558,7 +558,7 @@ class Images(Proof):
 
         start (2, M, ndim) : boxes. moved (2, M, ndim) : the displacements of their ends.
         """
-        hold_back(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
+        clip_to_walls(start, moved, self.strides == 0, np.stack(self.problem.grid.faces("holds")))
         return moved
 
     def _enclosure(

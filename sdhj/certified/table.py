@@ -20,7 +20,7 @@ from sdhj.certified.losing import LosingProof
 from sdhj.certified.words import CLEAR, ProvedBatch, Words, preferred
 from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray, Sealed, kept, read_only
-from sdhj.kernels.packed import TOUCHING, Cells, fewest_steps, held_in_boxes, to_bits
+from sdhj.kernels.packed import TOUCHING, Cells, boxes_in_set, fewest_steps, to_bits
 from sdhj.kernels.words import cells_near, fewest_of_cells
 from sdhj.problem.checks import number, real_array, states_array, whole
 from sdhj.problem.findings import tell
@@ -201,13 +201,15 @@ class CertifiedTable(Table):
             last = np.ceil((high - cells.lower - spare) / cells.width) - 1
             first = np.clip(first, 0, cells.counts - 1).astype(np.int64)
             last = np.clip(last, first, cells.counts - 1).astype(np.int64)
-            if spare[0] > 0 and not cells.told:  # all of a box that is no wider than a layer's shell is in the layer
+            if (
+                spare[0] > 0 and not cells.wall_known
+            ):  # all of a box that is no wider than a layer's shell is in the layer
                 at_walls = high - cells.lower <= begin + spare, low - cells.lower >= end - spare
                 for at_wall, layer, place in zip(
                     at_walls, cells.layers, (0 * cells.counts, cells.counts - 1), strict=True
                 ):
                     first, last = (np.where(at_wall & (layer > 0), place, one) for one in (first, last))
-            held_in_boxes(first, last, cells, index, self.pool, answer)
+            boxes_in_set(first, last, cells, index, self.pool, answer)
         return np.stack([out[0, 0] & known, out[1, 1] | ~known])
 
     def certified_inputs(self, states: FloatArray, step: int, within: int) -> FloatArray:
@@ -256,15 +258,15 @@ class CertifiedTable(Table):
         return out * (self.steps - step + 1) if self.problem.has_no_target else out
 
     def inputs_of(
-        self, cells: FloatArray, ahead: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
+        self, cells: FloatArray, steps_left: FloatArray, step: int, among: FloatArray | None = None, lines: bool = False
     ) -> FloatArray:
         """Which inputs are certified from all states of cells (M, ndim) at a step: bool (M, L).
 
         At the last step none is.
 
         cells : indices int64, on the grid, which is not checked.
-        ahead (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set with
-            ahead - 1; 0: none is.
+        steps_left (M,) : the steps to go by which inputs are judged: an input is certified if it leads into the set
+            with steps_left - 1; 0: none is.
         among (M, L) bool : the inputs that are asked about, by default all; False for others.
         lines : whether the cells come in lines along `proof.along`, which takes less time.
         """
@@ -272,7 +274,7 @@ class CertifiedTable(Table):
         if step == self.steps:
             return np.zeros_like(among)
         sets = self.index[self.tube_index(step + 1, 0) : self.tube_index(step + 1, self.steps) + 1]
-        return self.proof.inputs(cells, ahead, step, sets, self.pool, among, lines)
+        return self.proof.inputs(cells, steps_left, step, sets, self.pool, among, lines)
 
     def clear_inputs(self, cells: FloatArray, step: int) -> FloatArray:
         """Which inputs are proved to stay clear over the interval from all states of cells (M, ndim): bool (M, L).
@@ -319,9 +321,13 @@ class CertifiedTable(Table):
         rows, cells = rows[:some], cells[:some]
         fewest, each = self.fewest(cells, step), np.arange(some)
         held = fewest <= left
-        aheads = [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
-        good = [self.inputs_of(cells, np.where(held, ahead, 0), step)[each, inputs[rows]] for ahead in aheads]
-        nearest = np.where(good[0], aheads[0], left + 1)
+        steps_tried = (
+            [np.full(some, left)] if self.problem.has_no_target else [np.maximum(fewest, 1), np.full(some, left)]
+        )
+        good = [
+            self.inputs_of(cells, np.where(held, steps_left, 0), step)[each, inputs[rows]] for steps_left in steps_tried
+        ]
+        nearest = np.where(good[0], steps_tried[0], left + 1)
         order = np.lexsort([each, ~np.logical_or.reduce(good), nearest, rows])
         firsts = order[np.unique(rows[order], return_index=True)[1]]
         return rows[firsts], *self.proof.image(cells[firsts], inputs[rows[firsts]], step)

@@ -97,17 +97,17 @@ def choose_by_true_sets(
     sets = 1 + conditional(problem)  # all together; and those that are unsafe under some inputs
     under = np.repeat(np.array([-1, 1]), len(problem.inputs))
     samples = samples_for(len(rows), len(problem.inputs), count, problem.grid.ndim, sets)
-    queue, _, hazard, points, _, level, there = samples
+    queue, _, hazard, points, _, unsafe_values, target_values = samples
     given = batch.within, batch.states, rows, (ints, floats), (ends, scores, table.normals), out, samples
     waiting = propose(-1, *given)
     while waiting:
         some, at = queue[0, :waiting], points[: waiting * count].reshape(waiting, count, -1)[:, :, :-1]
-        level[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
+        unsafe_values[0, : waiting * count] = problem.unsafe_along(at, times).ravel()
         if sets > 1:
             found = problem.unsafe_along(at, times, batch.best[rows[some]]).ravel()
-            level[1, : waiting * count] = np.where(found < level[0, : waiting * count], found, np.inf)
+            unsafe_values[1, : waiting * count] = np.where(found < unsafe_values[0, : waiting * count], found, np.inf)
             heed_inputs(waiting, rows, count, under, batch.best, samples)
-        inside = there[0, : waiting * count].reshape(waiting, count)
+        inside = target_values[0, : waiting * count].reshape(waiting, count)
         for near, first, end in ((queue[2, some] == 0, here + 1, count), (out[0][rows[some]] == 0, here, here + 1)):
             if near.any() and not problem.has_no_target:
                 met = at[near, first:end]

@@ -162,7 +162,7 @@ class ArmProof(Proof):
     def inputs(
         self,
         some: FloatArray,
-        ahead: FloatArray,
+        steps_left: FloatArray,
         step: int,
         sets: FloatArray,
         pool: FloatArray,
@@ -171,10 +171,10 @@ class ArmProof(Proof):
     ) -> FloatArray:
         """Which of some inputs are certified for cells `some` (M, 4), indices, at a step: (M, L) bool.
 
-        An input is certified if the arm stays clear and all of the cell is led into the set with ahead[m] - 1 steps to
-        go.
+        An input is certified if the arm stays clear and all of the cell is led into the set with steps_left[m] - 1
+        steps to go.
 
-        ahead (M,) : the steps to go; 0: no input is certified.
+        steps_left (M,) : the steps to go; 0: no input is certified.
         step : when the interval begins.
         sets (n, R), pool : the sets S_{k+1}^0, S_{k+1}^1, ..., each the numbers of its rows' blocks in `pool`; n = 0:
             staying clear is enough.
@@ -182,7 +182,7 @@ class ArmProof(Proof):
         lines : not used.
         """
         out = among.copy()
-        arm_inputs(some, ahead, step, self.cells, self.motion, sets, pool, out)
+        arm_inputs(some, steps_left, step, self.cells, self.motion, sets, pool, out)
         return out
 
     @property
