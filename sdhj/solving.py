@@ -25,7 +25,7 @@ from sdhj.solver.projections import Projected
 from sdhj.solver.recursion import GridSets, TubeSets, recursion
 from sdhj.solver.resolution import check_sets
 from sdhj.table.batches import Table
-from sdhj.table.files import arrays_in, opened, problem_of_file, require_entries
+from sdhj.table.files import arrays_in, opened_table, problem_of_file, require_entries
 from sdhj.table.keeping import Kept
 from sdhj.table.store import is_store, load_stored
 from sdhj.table.table import LookupTable
@@ -220,7 +220,7 @@ def _handed_out(table: Table, method: Method, former: Former | None = None) -> T
     Only a `LookupTable` has the latter (`Kept`): the method and, if `former` is given, the avoid tubes of each set and
     the solutions of the PDE that it has collected in this solve.
     """
-    kept = Kept(method, former.each, former.frame_solutions) if former else Kept(method)
+    kept = Kept(method, former.avoid_tubes_by_danger, former.frame_solutions) if former else Kept(method)
     fields = {"reusable": kept} if isinstance(table, LookupTable) else {}
     return cast(Table, replace(cast(Any, table), player=played, **fields))
 
@@ -359,7 +359,7 @@ def load(path: str | os.PathLike[str], *, problem: ReachAvoidProblem | None = No
         raise ValueError(f"problem must be a ReachAvoidProblem, got {reprlib.repr(problem)}")
     if isinstance(path, str | os.PathLike) and is_store(path):
         return load_stored(path, problem, player=played)
-    with opened(path) as (head, file):
+    with opened_table(path) as (head, file):
         kind = CertifiedTable if head["method"] == "certified" else LookupTable
         require_entries(head, file)
         problem = problem_of_file(path, head, arrays_in(file), problem)

@@ -752,7 +752,7 @@ def test_ranges_hold_whatever_the_disturbance(name, rng):
         v = np.where(rng.random(2) < 0.3, np.sign(v) * MOST, v)
         true = bent(name, points, COMMANDS[j], v, t)
         np.testing.assert_allclose(dynamics.velocity_at(points, j, v, t), true, rtol=0, atol=ROUNDING)
-        least, greatest = dynamics.range(j, low, high, (0.3, 0.6))
+        least, greatest = dynamics.velocity_bounds(j, low, high, (0.3, 0.6))
         assert (least <= true).all() and (true <= greatest).all()
         ends = dynamics.extremes(points, j, t)
         assert (ends[:, 0] <= true).all() and (true <= ends[:, 1]).all()
@@ -900,7 +900,7 @@ def test_black_boxes_of_which_nothing_is_declared_are_taken_at_their_worst():
     wild = Dynamics([[1.0]], BlackBox(lambda q, u: q), BlackBox(lambda q: q[:, :, None]), [0.1]).read(3)
     assert wild.depends_on_time and wild.reads.all() and wild.pushes.all() and wild.couples((0, 1))
     with pytest.raises(ValueError, match="drift is a BlackBox without a slope or an enclosure, which a proof needs"):
-        wild.range(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
+        wild.velocity_bounds(0, -np.ones((1, 3)), np.ones((1, 3)), (0.0, 0.0))
     problem = problem_of(Dynamics([[1.0]], BlackBox(lambda q, u: 0 * q + u[0]), [[1.0], [0.0]], [0.1]))
     assert problem.opaque == {"drift": "a BlackBox of which nothing is declared"}
     with pytest.raises(ValueError, match="drift is a BlackBox without a slope"):

@@ -32,7 +32,7 @@ class FiniteSets:
     def key(self, step, within):
         return (0 if self.time_invariant else step), within
 
-    def goal(self, step):
+    def write_goal(self, step):
         self.calls.append(("goal", step))
         self.entries[self.key(step, 0)] = frozenset(self.goals[step])
 
@@ -45,7 +45,7 @@ class FiniteSets:
     def unchanged(self, step, within):
         return self.entries[self.key(step, within)] == self.entries[self.key(step, within - 1)]
 
-    def share(self, step, within):
+    def repeat(self, step, within):
         self.calls.append(("share", step, within))
         self.entries[self.key(step, within)] = self.entries[self.key(step, within - 1)]
 

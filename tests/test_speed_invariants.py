@@ -322,7 +322,7 @@ def test_a_solve_that_does_not_fit_is_refused(monkeypatch):
     with pytest.raises(MemoryError, match=r"this solve needs about .*e\+"):
         sdhj.solve(dataclasses.replace(arm(), steps=10**6))
     monkeypatch.setattr(memory, "available", lambda: None)  # a system that does not say
-    memory.require(10**18, "anything")
+    memory.require_memory(10**18, "anything")
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk2", "rk3"])

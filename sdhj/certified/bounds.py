@@ -58,7 +58,9 @@ class Bounds:
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
         # obligation 2.22
-        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
+        return within_grid(
+            grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1), signs)
+        )
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
@@ -137,7 +139,7 @@ class Bounds:
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
-        for one in part.level_set.least_of:  # obligation 4.48
+        for one in part.level_set.operands_of_min:  # obligation 4.48
             out &= self._signs(part.axes, one, low, high, times, halvings, out) > 0
         return out
 
@@ -162,18 +164,18 @@ class Bounds:
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
-        for at in _in_runs(np.arange(out.size)):
+        for at in _in_batches(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
             out.ravel()[at] = _sign(
                 self._bounds_of_function(axes, function, picked(first, there), picked(last, there), *times)
             )
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _in_runs(left):
+        for at in _in_batches(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
             ends = picked(low, there), picked(high, there)
-            out.ravel()[at] = self._halved(axes, function, *ends, times, halvings, most)
+            out.ravel()[at] = self._sign_by_halving(axes, function, *ends, times, halvings, most)
         return out
 
     def inside(
@@ -212,7 +214,7 @@ class Bounds:
         out[box] = False  # obligation 9.14
         return out
 
-    def _halved(
+    def _sign_by_halving(
         self,
         axes: Sequence[int],
         function: Any,
@@ -249,7 +251,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
+def _in_batches(places: FloatArray) -> Iterator[FloatArray]:
     """Yield the indices `places` (n,) in runs of at most `BOXES`, one after the other; none if there are none."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 

@@ -329,7 +329,7 @@ def _velocity_bounds(problem: ReachAvoidProblem, axis: int, j: int) -> tuple[Fra
     dynamics = problem.dynamics
     if not dynamics.constant:
         anywhere = np.array(problem.grid.lower)[None]
-        least, most = dynamics.range(j, anywhere, anywhere, (0.0, 0.0))
+        least, most = dynamics.velocity_bounds(j, anywhere, anywhere, (0.0, 0.0))
         return as_rounded_fraction(least[0, axis]), as_rounded_fraction(most[0, axis])
     pushes = zip(dynamics.arrays[1][axis], dynamics.arrays[2], strict=True)
     push = sum((abs(as_rounded_fraction(g)) * as_rounded_fraction(b) for g, b in pushes), Fraction(0))

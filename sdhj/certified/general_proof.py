@@ -46,10 +46,10 @@ from sdhj.kernels.stencils import (
 )
 from sdhj.kernels.windows import mark_met
 from sdhj.problem.checks import whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
-from sdhj.table.files import stored
+from sdhj.table.files import read_array
 
 NARROW = 1e-10  # of the largest coordinate of an axis: what a tube may stick out of the boxes that it is looked up in
 # obligation 4.4
@@ -211,7 +211,7 @@ class GeneralProof(Images):
         """
         size, own = math.prod(axis.count for axis in axes), place_axes(problem, axes)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        require(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
+        require_memory(peak(problem, axes, parts, moves, clear), f"certifying {size:.1e} cells", "use fewer cells")
         low, high = np.zeros((2, *moves), np.int16)
         marks = np.full(clear, 255, np.uint8), sites, np.zeros(arrives, np.uint8)
         return cls(problem, axes, parts, strides, low, high, *marks)
@@ -266,7 +266,7 @@ class GeneralProof(Images):
         return out
 
     @property
-    def stated(self) -> dict[str, Any]:
+    def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again: values that JSON can hold.
 
         "parts", "own": for each axis whether it is one of a place, "unsure": E; "arrives": True where there are
@@ -293,7 +293,8 @@ class GeneralProof(Images):
     ) -> "GeneralProof":
         """The proof that `save` wrote to an open file; its arrays are read-only.
 
-        stated : what `GeneralProof.stated` was; its "unsure" is not read. axes : the cells of each axis. ValueError
+        stated : what `GeneralProof.entry_in_head` was; its "unsure" is not read. axes : the cells of each axis.
+            ValueError
         where what is stated, or the shape or the type of an array, does not fit the problem and its cells; the bits of
         the arrays are not checked.
         """
@@ -301,11 +302,11 @@ class GeneralProof(Images):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
         own = np.array(stated["own"], np.bool_)
         (strides, moves, clear), (sites, arrives) = shapes(problem, axes, own), sites_of(problem, axes, own)
-        arrays = stored(file, "low", "int16", moves), stored(file, "high", "int16", moves)
+        arrays = read_array(file, "low", "int16", moves), read_array(file, "high", "int16", moves)
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
-        marks = stored(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
+        marks = read_array(file, "clear", "uint8", clear), sites, np.zeros((0, 0, 0), np.uint8)
         if stated.get("arrives"):
-            marks = *marks[:2], stored(file, "arrives", "uint8", arrives)
+            marks = *marks[:2], read_array(file, "arrives", "uint8", arrives)
         proof = cls(problem, axes, parts, strides, *read_only((*arrays, *marks)))
         if "normals" in stated:
             proof._drawn.append(lines_in_file(stated, file, proof))

@@ -32,7 +32,7 @@ from sdhj.certified.packing import Changes, Packing
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.packed import to_words
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 
 MOST_VERTICES = 64
@@ -76,7 +76,7 @@ class LosingProof(Images):
             raise ValueError(f"the adversary's box has {len(vertices)} vertices; at most {MOST_VERTICES} are tried")
         strides, (starts, count, *rest) = moves_of(problem, axes, place_axes(problem, axes))
         shape = (starts, count * len(vertices), *rest)
-        require(6 * int(np.prod(shape)), "looking for what is lost", "use fewer cells")
+        require_memory(6 * int(np.prod(shape)), "looking for what is lost", "use fewer cells")
         low, high = np.zeros((2, *shape), np.int16)
         return cls(problem, axes, parts, strides, low, high, read_only(vertices))
 

@@ -28,7 +28,7 @@ from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.recursion import recursion, unsettled_finding
 from sdhj.table.as_sets import ON_TIME
 from sdhj.table.batches import NOT_ADMISSIBLE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, TableFileError, stored, written_table
+from sdhj.table.files import PACKING, TableFileError, read_array, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
@@ -385,7 +385,7 @@ class CertifiedTable(Table):
         The magnitude is the distance from the unsafe sets, by their level-set functions, of where the input leads at
         the interval's end without an adversary; it proves nothing. step : before the last.
         """
-        clear = self._words.look(self, states, step, CLEAR, None)[1]
+        clear = self._words.look_up(self, states, step, CLEAR, None)[1]
         moved = states[:, None] + self.problem.interval(step).displacements(states)
         ends = self.grid.clipped(moved.reshape(-1, len(self.axes)))
         inputs = np.tile(np.arange(clear.shape[1]), len(states))
@@ -409,7 +409,7 @@ class CertifiedTable(Table):
         left = self.steps - step
         within = left if self.problem.has_no_target else min(within, left)
         rule = "deepest" if scores is None else None
-        to_go, safe, best = self._words.look(self, states, step, within, rule)
+        to_go, safe, best = self._words.look_up(self, states, step, within, rule)
         if self.problem.has_no_target:
             to_go[to_go >= 0] = left
         if scores is not None:
@@ -427,7 +427,7 @@ class CertifiedTable(Table):
         return (
             batch.best.copy()
             if rule == "deepest"
-            else self._words.look(self, batch.states, batch.step, batch.within, rule)[2]
+            else self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
         )
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
@@ -571,7 +571,7 @@ class CertifiedTable(Table):
         }
         if self.cells.layers.any():
             cells["layers"] = [list(axis.layers) for axis in self.axes]
-        with written_table(path, self, cells=cells, proof=self.proof.stated) as file:
+        with written_table(path, self, cells=cells, proof=self.proof.entry_in_head) as file:
             file.create_dataset("index", data=self.index, chunks=(1, self.index.shape[1]), **PACKING)
             chunks = (min(len(self.pool), 4096), self.pool.shape[1])
             file.create_dataset("pool", data=self.pool, chunks=chunks, **PACKING)
@@ -595,8 +595,8 @@ class CertifiedTable(Table):
         proof = PROOFS[cells["kind"]].load(head["proof"], file, problem, axes)
         rows, packed = (math.prod(axis.count for axis in part) for part in (axes[: proof.rows], axes[proof.rows :]))
         one_for_all = {1, problem.steps + 1} if problem.time_invariant else set()
-        index = stored(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
-        pool = stored(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
+        index = read_array(file, "index", "uint32", (one_for_all | {entry(problem.steps, problem.steps, 0) + 1}, rows))
+        pool = read_array(file, "pool", "uint64", (int(index.max()) + 1, -(-packed // 64)))
         if problem.has_no_target and head["details"].get("endless") and len(index) > 1:
             raise ValueError("it says to be for ever, and its sets are for some steps")
         if pool[0].any() or (packed % 64 and (pool[:, -1] >> np.uint64(packed % 64)).any()):
@@ -629,7 +629,7 @@ class CellSets:
         self.shape = math.prod(counts[: proof.rows]), -(-math.prod(counts[proof.rows :]) // 64)
         self.added: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}  # which rows, and their blocks
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Begin row k = step: compute S_k^0, the cells inside L(t_k) and outside G(t_k), and keep it as (step, 0)."""
         self.following, self.cells = np.zeros(self.shape, np.uint64), self.proof.goal(step)
         self._keep(step, 0, np.logical_or.reduce(self.cells != 0, axis=1))
@@ -658,7 +658,7 @@ class CellSets:
         last = range(within - self.proof.phases + 1, within + 1)
         return last[0] > 0 and not any(self._added(step, n)[0].size for n in last)
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Let the entry (step, within) be the set of (step, within - 1), uncomputed; note that sets have settled."""
         self._keep(step, within, np.zeros(self.shape[0], np.bool_))
         self.settled = True

@@ -168,20 +168,20 @@ def preferred(scores: FloatArray, margins: FloatArray) -> FloatArray:
 
 
 class Words:
-    """The words of a certified table that have been asked for, a `Layer` for each step, within and rule.
+    """The words of a certified table that have been asked for, a `WordTable` for each step, within and rule.
 
     layers : by (start, within, rule); start is 0 where a word is one of all steps. Several threads may ask.
     """
 
     def __init__(self) -> None:
         """No words are known yet."""
-        self.layers: dict[Any, Layer] = {}
+        self.layers: dict[Any, WordTable] = {}
 
     def __reduce__(self) -> Any:
         """Copy and pickle as an object without words."""
         return Words, ()  # locks cannot be copied
 
-    def look(
+    def look_up(
         self, table: Any, states: FloatArray, step: int, within: int, rule: Rule
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Steps to go (M,), proved inputs (M, L) bool and preferred inputs (M,) of states (M, ndim) at a step.
@@ -198,7 +198,7 @@ class Words:
         start = 0 if alike else step
         key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
         if key not in self.layers:
-            self.layers.setdefault(key, Layer(width))
+            self.layers.setdefault(key, WordTable(width))
         layer, count = self.layers[key], len(states)
         out = (
             np.empty(count, np.int64),
@@ -207,11 +207,11 @@ class Words:
         )
         for begin in range(0, count, CHUNK):
             some = slice(begin, begin + CHUNK) if count > CHUNK else slice(None)
-            layer.look(table, states[some], key, table.steps - step, tuple(part[some] for part in out))
+            layer.look_up(table, states[some], key, table.steps - step, tuple(part[some] for part in out))
         return out
 
 
-class Layer:
+class WordTable:
     """The words for one step, within and rule, in a hash table by the number of their cell; several threads may ask."""
 
     def __init__(self, width: int) -> None:
@@ -226,7 +226,7 @@ class Layer:
         """
         self.keys, self.words, self.used = np.full(slots, FREE), np.empty((slots, width), np.uint32), 0
 
-    def look(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
+    def look_up(self, table: Any, states: FloatArray, key: Any, most: int, out: Any) -> None:
         """Write the answers for states (M, ndim) into `out`, and first make and keep the words that are missing.
 
         The lock is held while words are looked up and kept, not while they are made.

@@ -1,7 +1,7 @@
 """Formulas and black boxes: what a problem knows of a user's function, by one protocol.
 
 Both are called with points and parameters, and have `bounds`, `bounds_by_branch` and `least` over boxes and intervals
-of time, `least_of`, `clipped` and `depends_on_time` (whether they depend on the time). Both have `reads`, the
+of time, `operands_of_min`, `clipped` and `depends_on_time` (whether they depend on the time). Both have `reads`, the
 coordinates that they depend on: an array of a formula, what its author gave of a black box. Of a formula all of this
 follows from its graph; of a black box its author declares it.
 """
@@ -209,7 +209,7 @@ class Formula(Remembering):
         return found[0], found[1]
 
     @cached_property
-    def least_of(self) -> "tuple[Formula, ...]":
+    def operands_of_min(self) -> "tuple[Formula, ...]":
         """The formulas, of one result each, whose minimum this one is, by its form; (self,) where it is no minimum.
 
         Made once.
@@ -586,7 +586,7 @@ class BlackBox:
     bounds_by_branch = bounds  # it is as its author says
 
     @property
-    def least_of(self) -> "tuple[BlackBox, ...]":
+    def operands_of_min(self) -> "tuple[BlackBox, ...]":
         """The functions whose minimum it is: (self,), because what it is made of is not known."""
         return (self,)
 

@@ -277,7 +277,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     past = np.where(
         grid.ends_where("holds").any(axis=0), np.ceil(np.abs(halves).sum(axis=0) / grid.spacing).astype(int) + 1, 0
     ).tolist()
-    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.continued(past)
+    raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.extended(past)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
         for some in maxima(wide, raised, points, points, interpolation):

@@ -19,7 +19,7 @@ from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.problem.ball import Ball
-from sdhj.problem.checks import KNOWN, arguments, finite_array, sealed, whole
+from sdhj.problem.checks import KNOWN, arguments, finite_array, read_only_view, whole
 
 CUTS, MOST_CUTS = 8, 1024  # of the range of a component of v that does not enter linearly
 AT_ONCE = 1 << 20  # points and pieces whose velocities are bounded together
@@ -191,7 +191,7 @@ class Dynamics:
 
                     u : the input, and one : the shape for one point; both are those of this pass of the loop.
                     """
-                    values = np.asarray(_call_with_taken(function, takes, points, sealed(u), t, np.array(v)))  # noqa: B023
+                    values = np.asarray(_call_with_taken(function, takes, points, read_only_view(u), t, np.array(v)))  # noqa: B023
                     return np.broadcast_to(values, (len(points), *one))
 
                 compare(formula.rows[j], called, states, t, *(v if name == "velocity" else ()))
@@ -236,7 +236,9 @@ class Dynamics:
         outputs: list[Node] = []
         for j, u in enumerate(self.inputs):
             label = f"{name} under input {j}" if "u" in takes else name
-            found, one = traced(label, given, rows, partial(taken, sealed(u)), shape, "points" in takes, again=j == 0)
+            found, one = traced(
+                label, given, rows, partial(taken, read_only_view(u)), shape, "points" in takes, again=j == 0
+            )
             if name == "bounds" and len(one) != 1:
                 points = ("M",) * ("points" in takes)
                 shapes = f"shape {(*points, 'D')}, got {(*points, *one)}".replace("'", "")
@@ -279,9 +281,10 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 class VectorField:
     """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
 
-    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`range`, `extremes`), and says what
-    they depend on (`reads`, `pushes`, `depends_on_time`, `constant`, `stateless`). Points must have coordinates on
-    periodic axes wrapped into the grid. It is immutable; what follows from its parts is made once, at first use.
+    It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`velocity_bounds`, `extremes`), and
+    says what they depend on (`reads`, `pushes`, `depends_on_time`, `constant`, `stateless`). Points must have
+    coordinates on periodic axes wrapped into the grid. It is immutable; what follows from its parts is made once, at
+    first use.
     """
 
     inputs: FloatArray  # (L, m), the input vectors u_j
@@ -396,7 +399,7 @@ class VectorField:
             moved = pushed > 1e-12 * pushed.max(initial=0.0)  # the rest is rounding, as of a gain that is a rotation
         return self.gain is not None and bool((np.count_nonzero(moved, axis=0) > 1).any())
 
-    def cuts(self, axes: Sequence[int]) -> tuple[int, ...]:
+    def pieces_of_components(self, axes: Sequence[int]) -> tuple[int, ...]:
         """Into how many pieces the range of each component of v is cut, (D,): `pieces` or 1.
 
         `pieces` where v does not enter linearly and the component moves more than one of these axes. The velocity set
@@ -612,7 +615,7 @@ class VectorField:
         undefined for some v.
         """
         if self.gain is None:
-            low, high = self.range(j, points, points, (t, t))
+            low, high = self.velocity_bounds(j, points, points, (t, t))
             if not (good := np.isfinite(low).all(axis=1)).all():
                 raise ValueError(
                     f"velocity under input {j} may be undefined or infinite for some disturbance within its bounds, at "
@@ -621,7 +624,7 @@ class VectorField:
             return np.stack([low, high], axis=1)
         return self.extremes_of[j](points, t) if self.formulas else self._spread(j, points, t)
 
-    def range(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
+    def velocity_bounds(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> Ends:
         """Lower and upper bounds, (M, ndim) each, of the velocity under input j over M boxes of states and an interval
         of time.
 
@@ -632,7 +635,7 @@ class VectorField:
         if not self.formulas:
             return self._declared(j, low, high, time, signs)
         if self.gain is None:
-            v = zip(*self.disturbance(j, low, high, time, signs), strict=True)
+            v = zip(*self.disturbance_bounds(j, low, high, time, signs), strict=True)
             return self.each["drift"][j].bounds(low, high, time, *v)
         if signs is not None:
             return self._at_vertex(j, tuple(signs.tolist())).bounds(low, high, time)
@@ -643,11 +646,14 @@ class VectorField:
         """The greatest n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
 
         directions (K, ndim) : the vectors n, of any length. t : the time, s. Only where v does not enter linearly. It
-        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v (`cuts`).
-        ValueError where a velocity may be undefined.
+        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v
+        (`pieces_of_components`). ValueError where a velocity may be undefined.
         """
-        ends = self.disturbance(j, points[:1], points[:1], (t, t))
-        nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
+        ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
+        nodes = [
+            np.linspace(a, b, cut + 1)
+            for a, b, cut in zip(*ends, self.pieces_of_components(range(self.ndim)), strict=True)
+        ]
         pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
             low, high = (
@@ -660,7 +666,9 @@ class VectorField:
             self.extremes(points, j, t)  # says what is wrong
         return found
 
-    def disturbance(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None) -> FloatArray:
+    def disturbance_bounds(
+        self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs = None
+    ) -> FloatArray:
         """Least and greatest v under input j in an interval of time (begin, end), s: (2, D).
 
         -+ the greatest half-widths; with `signs` the range of sign_d bounds_d.
@@ -690,7 +698,7 @@ class VectorField:
         return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
-        """As `VectorField.range`, where drift or gain is a black box: bounds by what is declared, rounded outward.
+        """As `velocity_bounds`, where drift or gain is a black box: bounds by what is declared, rounded outward.
 
         Bounds of the drift + sum_d of the least and of the greatest gain_d v_d, (M, ndim) each.
 
@@ -698,7 +706,7 @@ class VectorField:
         -1 and 1, the vertex of its box that v keeps to, or None. ValueError where a black box declares too little.
         """
         drift, gain = (self.each[name][j].bounds(low, high, time) for name in ("drift", "gain"))
-        pushes = np.stack([one * v for one in gain for v in self.disturbance(j, low, high, time, signs)])
+        pushes = np.stack([one * v for one in gain for v in self.disturbance_bounds(j, low, high, time, signs)])
         least, most = pushes.min(axis=0).sum(axis=2), pushes.max(axis=0).sum(axis=2)
         rounded = 1e-12 * np.abs(pushes).max(axis=0).sum(axis=2)
         return drift[0] + least - rounded, drift[1] + most + rounded

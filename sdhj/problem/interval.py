@@ -19,7 +19,7 @@ from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.tubes import PATH
 from sdhj.problem.dynamics import VectorField
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)  # for means over time of velocities that depend on nothing else
 # fractions of an interval at which time-dependent velocities are compared: evenly spaced ones would miss vibrations
@@ -66,7 +66,7 @@ class Velocities:
         """Make the arrays read-only, in place."""
         read_only((self.low, self.high, self.drift, self.gain))
 
-    def kept(self) -> "Velocities":
+    def with_terms(self) -> "Velocities":
         """The same velocities, arrays shared, with a dictionary `terms` in which schemes keep what they make of them.
 
         Itself where it has one already.
@@ -405,9 +405,9 @@ class Interval:
         in the hull of those of the pieces, whose greatest part along each normal is known. Made once.
         """
         dynamics, ndim, found = self.dynamics, self.grid.ndim, list[FloatArray]()
-        pieces = math.prod(dynamics.cuts(range(ndim)))
+        pieces = math.prod(dynamics.pieces_of_components(range(ndim)))
         for pair in combinations(range(ndim), 2) if 1 < pieces <= MOST_PIECES else ():
-            most = max(dynamics.cuts(pair))
+            most = max(dynamics.pieces_of_components(pair))
             count = min(FAN * most, MOST_NORMALS)
             for k in range(count if most > 1 else 0):
                 if 4 * k % count:  # not along an axis
@@ -710,12 +710,16 @@ class Interval:
         piece, so the true H is at most the maximum over them, which is at most that of one box for all v. The boxes
         hold all coordinates that are left out. MemoryError where the pieces do not fit.
         """
-        dynamics, (seen, outside), cuts = self.dynamics, self._with_axes_read(axes), self.dynamics.cuts(axes)
+        dynamics, (seen, outside), cuts = (
+            self.dynamics,
+            self._with_axes_read(axes),
+            self.dynamics.pieces_of_components(axes),
+        )
         grid, places, count = self.grid.subgrid(seen), tuple(1 + place for place in outside), math.prod(cuts)
         if count > 1:
-            require(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
+            require_memory(8 * count * len(axes) * (3 + len(axes)) * grid.size, f"velocities of {count} pieces of v")
         points, lows, highs = self._points_of_axes(seen), list[FloatArray](), list[FloatArray]()
-        ends = dynamics.disturbance(j, points, points, (t, t))
+        ends = dynamics.disturbance_bounds(j, points, points, (t, t))
         nodes = [np.linspace(end[0], end[1], cut + 1) for end, cut in zip(ends.T, cuts, strict=True)]
         for at in product(*map(range, cuts)):
             v = [(float(one[i]), float(one[i + 1])) for one, i in zip(nodes, at, strict=True)]
@@ -740,7 +744,7 @@ class Interval:
         """
         dynamics, (seen, outside) = self.dynamics, self._with_axes_read(axes)
         grid, count = self.grid.subgrid(seen), dynamics.disturbance_dim
-        require(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
+        require_memory(8 * len(axes) * grid.size * (count + 3), "sampling the velocities")
         sampled = np.zeros((len(axes), 1 + count, *grid.shape))
         bounds = dynamics.bounds_at(j, t)
         if dynamics.formulas:

@@ -233,6 +233,6 @@ class Statement(Remembering):
             "view_time": self.view_time,
             "grid": {name: getattr(self.grid, name) for name in LAYOUT},
             "inputs": self.inputs.tolist(),
-            "sensing": self.sensing.told,
+            "sensing": self.sensing.entry_in_head,
             "sets": target + sets,
         }

@@ -177,7 +177,7 @@ def _of_black_boxes(grid: Grid, dynamics: VectorField, end: float, delta: float)
     cuts = np.linspace(0.0, end, max(1, round(end / delta)) + 1).tolist()
     times = list(pairwise(cuts)) if dynamics.depends_on_time else [(0.0, 0.0)]
     for j, time in product(range(len(dynamics.inputs)), times if opaque else []):
-        most = dynamics.disturbance(j, low[None], high[None], time)[1]
+        most = dynamics.disturbance_bounds(j, low[None], high[None], time)[1]
         shares = {"drift": 1.0, "gain": most.sum()}
         steepness = sum(shares[name] * np.broadcast_to(part.slope, slope.shape) for name, part in opaque.items())
         slope = np.maximum(slope, steepness)

@@ -70,7 +70,7 @@ def _angle(problem: ReachAvoidProblem, axis: int) -> Iterator[Finding]:
     for unit, turn in TURNS.items():
         if not math.isclose(length, turn, abs_tol=1.01 * spacing) or not _repeats(problem, axis, turn):
             continue
-        if grid.unsaid and not grid.periodic[axis]:
+        if grid.ends_not_given and not grid.periodic[axis]:
             yield Finding(
                 f"the axis {name} is a whole turn, after which the functions of the problem repeat, but it has ends, "
                 "beyond which the robot has failed: ",

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.checks import read_only_view, real_array
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import UnsafeSet
 from sdhj.simulation.adversaries import SUBSTEPS, Adversary, Moment
@@ -51,7 +51,7 @@ def play_interval(
     """
     problem, inputs = first_moment.problem, first_moment.inputs
     first_moment = replace(
-        first_moment, **{name: sealed(value) for name, value in vars(first_moment).items()}
+        first_moment, **{name: read_only_view(value) for name, value in vars(first_moment).items()}
     )  # adversaries only read
     states, v, ended = first_moment.states, first_moment.previous, np.full(len(first_moment.states), UNDECIDED)
     lowest, place = np.full(len(states), np.inf), problem.grid
@@ -63,7 +63,12 @@ def play_interval(
         gone = (substep - substeps.start) * first_moment.duration
         now, left = first_moment.time + gone, first_moment.remaining - gone
         moment = replace(
-            first_moment, states=sealed(states), substep=substep, time=now, remaining=left, previous=sealed(v)
+            first_moment,
+            states=read_only_view(states),
+            substep=substep,
+            time=now,
+            remaining=left,
+            previous=read_only_view(v),
         )
         v = _checked(play(moment), moment.bounds)
         before, states = (

@@ -14,7 +14,7 @@ from sdhj.problem.findings import Finding, tell
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.simulation.adversaries import ADVERSARIES, Adversary, Moment, reckless
 from sdhj.simulation.outcomes import COLLIDED, OFF, OUTCOMES, REACHED
-from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, named, play_length, score_interval
+from sdhj.simulation.runs import MOST_RUNS, admissible_states, adversary_of, name_of, play_length, score_interval
 from sdhj.simulation.sensed import rollouts
 from sdhj.solver.gaps import gaps
 from sdhj.solver.resolution import costly_error_finding
@@ -170,7 +170,7 @@ def _played(controller: Controller, runs: int, adversary: str | Adversary, seed:
             left_it > 0 and outside.sum() >= FEW_OUTSIDE and not _target_reachable_in_a_step(problem, starts[outside])
         )
         advice = HOPELESS if hopeless else _advice(table, ways, runs)
-    return Played(runs, len(lost), named(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
+    return Played(runs, len(lost), name_of(adversary), dict(ways.most_common()), int(outside.sum()), left_it, advice)
 
 
 def _target_reachable_in_a_step(problem: ReachAvoidProblem, states: FloatArray) -> bool:

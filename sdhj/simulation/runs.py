@@ -29,7 +29,7 @@ from tqdm import tqdm
 from sdhj.kernels import FloatArray, Sealed, read_only
 from sdhj.kernels.compiling import announced, hidden
 from sdhj.problem.checks import finite_array, whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment
 from sdhj.simulation.outcomes import OUTCOMES
@@ -325,7 +325,7 @@ def monte_carlo(
     check_controller(controller)
     play, began, length = adversary_of(adversary), time.perf_counter(), play_length(controller, steps)
     runs, seed = whole("runs", runs, least=1, most=MOST_RUNS), whole("seed", seed, least=0)
-    require(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
+    require_memory(runs * 8 * (4 + controller.problem.grid.ndim), f"keeping {runs:,} runs", "use fewer")
     sizes = [min(CHUNK, runs - begin) for begin in range(0, runs, CHUNK)]
     seeds = np.random.SeedSequence(seed).spawn(len(sizes))  # one stream for each chunk, whichever thread runs it
     bar = tqdm(total=runs, desc="rollouts", unit="run", disable=hidden(progress))
@@ -344,8 +344,8 @@ def monte_carlo(
     starts, outcomes, taken = map(np.concatenate, zip(*results, strict=True))
     return Report(
         runs=runs,
-        adversary=named(adversary),
-        rule=named(controller.rule),
+        adversary=name_of(adversary),
+        rule=name_of(controller.rule),
         method=controller.table.method,
         seed=seed,
         counts={outcome: int((outcomes == i).sum()) for i, outcome in enumerate(OUTCOMES)},
@@ -372,7 +372,7 @@ def play_length(controller: Controller, steps: int | None) -> int | None:
     return None if steps is None else whole("steps", steps, least=1)
 
 
-def named(option: object) -> str:
+def name_of(option: object) -> str:
     """The name of an option: a text itself, else its `name`, its `__name__`, or the name of its class."""
     if isinstance(option, str):
         return option

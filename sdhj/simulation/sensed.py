@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.checks import real_array, sealed
+from sdhj.problem.checks import read_only_view, real_array
 from sdhj.problem.sensing import Sensing
 from sdhj.simulation.adversaries import ADVERSARIES, SUBSTEPS, Adversary, Moment, Sight, first_moment
 from sdhj.simulation.outcomes import COLLIDED, LATE, LEFT, REACHED, UNDECIDED, Watch, play_interval
@@ -142,8 +142,8 @@ class Runs:
             return table.values_at(points[:, None], min(step + 1, table.steps), left)[:, 0]
 
         starting = states if begun else predicted(problem, states, before, step)
-        seen, at = (sealed(states), sealed(errors)), min(step, table.steps - 1)  # adversaries only read
-        errors_made = self.mislead(Sight(problem, *seen, at, sealed(starting), ask, tube, self.rng))
+        seen, at = (read_only_view(states), read_only_view(errors)), min(step, table.steps - 1)  # adversaries only read
+        errors_made = self.mislead(Sight(problem, *seen, at, read_only_view(starting), ask, tube, self.rng))
         off = real_array("the errors that the adversary returns", errors_made, states.shape)
         if not (np.abs(off) <= errors * (1 + 1e-12)).all():
             raise ValueError(f"the adversary must return measurement errors within +-{errors.tolist()}")

@@ -12,7 +12,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.findings import Finding
-from sdhj.problem.grid import Grid, Rimmed
+from sdhj.problem.grid import Grid, PaddedGrid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
@@ -126,7 +126,7 @@ def _ends_as_danger(problem: ReachAvoidProblem, axis: int) -> Danger:
         ends,
     )
     wide = ReachAvoidProblem(
-        grid=Rimmed(longer, padding.tolist()) if padding.any() else longer,
+        grid=PaddedGrid(longer, padding.tolist()) if padding.any() else longer,
         dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
             axes, np.array(problem.grid.lower)
         ),

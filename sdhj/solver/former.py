@@ -192,7 +192,8 @@ class Former:
     """An earlier table, as the solve of a similar problem looks at it; nothing is copied that could differ.
 
     `avoid_tubes` and `tube` give avoid tubes, `patch` says what is left to solve of an entry, in the order of
-    `recursion`. What this solve hands to the next one is collected in `each` and `frame_solutions` on the way.
+    `recursion`. What this solve hands to the next one is collected in `avoid_tubes_by_danger` and `frame_solutions` on
+    the way.
 
     Parameters
     ----------
@@ -214,19 +215,19 @@ class Former:
         copied.
     same_target : bool
         Whether the targets are equal, or both problems have none.
-    has_rows : bool
+    entries_may_be_copied : bool
         Whether entries of the recursion may be copied: the problems are alike, both have a target or neither has, and
         the table is not one that stays clear for ever.
     keys : list of (bool, key)
         For each danger of the table's problem whether it moves, and its `key`.
-    each : dict
+    avoid_tubes_by_danger : dict
         By the key of a danger, its avoid tubes (L, *subgrid) of steps 0, 1, ...: for the next solve.
     frame_solutions : dict
         By (step, within), the PDE's solution in the moving frame: for the next solve.
     """
 
     def __init__(self, table: LookupTable, problem: ReachAvoidProblem, method: object, dangers: Sequence[Any]) -> None:
-        """Compare the two problems and set `alike`, `same_target` and `has_rows`; nothing is copied yet."""
+        """Compare the problems, set `alike`, `same_target` and `entries_may_be_copied`; nothing is copied yet."""
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
@@ -234,13 +235,13 @@ class Former:
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.has_rows = (
+        self.entries_may_be_copied = (
             self.alike
             and was.has_no_target == problem.has_no_target
             and not (was.has_no_target and table.details.get("endless"))
         )
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
-        self.each: dict[Meaning, list[FloatArray]] = {}
+        self.avoid_tubes_by_danger: dict[Meaning, list[FloatArray]] = {}
         self.frame_solutions: dict[tuple[int, int], FloatArray] = {}
         self._differing: dict[tuple[int, int, int], FloatArray] = {}
         self._avoid_bounds: dict[int, FloatArray] = {}
@@ -257,7 +258,7 @@ class Former:
 
         A view of the former table's array. None if the problems are not alike, if the dangers `now` are not the earlier
         ones in the same order, or if the former table has fewer steps. If the dangers are the same, what was kept of
-        each of them is also put into `each`.
+        each of them is also put into `avoid_tubes_by_danger`.
 
         now : the dangers of the problem now, all static or all moving ones.
         moves : whether they are the moving ones.
@@ -266,8 +267,8 @@ class Former:
         if not self.alike or [(moves, self.key(danger)) for danger in now] != [k for k in self.keys if k[0] == moves]:
             return None
         for key in map(self.key, now):
-            if key in self.kept.each:
-                self.each[key] = list(self.kept.each[key])
+            if key in self.kept.avoid_tubes_by_danger:
+                self.avoid_tubes_by_danger[key] = list(self.kept.avoid_tubes_by_danger[key])
         avoid = self.table.avoid
         found: FloatArray = avoid.moving if moves else avoid.static[None]
         return found[:often] if len(found) >= often else None
@@ -277,12 +278,12 @@ class Former:
 
         None if the problems are not alike, or if the tubes of each danger were not kept.
         """
-        found = self.kept.each.get(self.key(danger), ()) if self.alike else ()
+        found = self.kept.avoid_tubes_by_danger.get(self.key(danger), ()) if self.alike else ()
         return found[step] if step < len(found) else None
 
     def keep(self, danger: Any, tube: FloatArray) -> None:
-        """Append one danger's avoid tubes (L, *subgrid) to `each`, for the next solve; steps have to come in order."""
-        self.each.setdefault(self.key(danger), []).append(tube)
+        """Append a danger's avoid tubes (L, *subgrid) to `avoid_tubes_by_danger`; steps have to come in order."""
+        self.avoid_tubes_by_danger.setdefault(self.key(danger), []).append(tube)
 
     # ---- rows of the recursion
 
@@ -290,12 +291,12 @@ class Former:
         """What of the entry (step, within) of `table` has to be solved anew, or None for all of it.
 
         The entries (step, within - 1) and (step + 1, within - 1) and the avoid tubes of `table`, which is being filled
-        in, must be there. None if the former table has no such entry, or if no entries may be copied (`has_rows`).
-        Where the former entry shares the tube of one with fewer steps to go, it is compared with what that one was made
-        from.
+        in, must be there. None if the former table has no such entry, or if no entries may be copied
+        (`entries_may_be_copied`). Where the former entry shares the tube of one with fewer steps to go, it is compared
+        with what that one was made from.
         """
         was = self.table
-        if not self.has_rows or step + within > was.steps:
+        if not self.entries_may_be_copied or step + within > was.steps:
             return None
         made = within
         while made > 1 and was.tube_index(step, made - 1) == was.tube_index(step, within):

@@ -428,7 +428,7 @@ class HJIGames(_OnAxes):
         from an unsafe end it cannot come, which the avoid games see to.
         """
         past = past_ends(self.problem, self.axes)
-        return self.grid.continued(past) if any(past) else self.grid, past
+        return self.grid.extended(past) if any(past) else self.grid, past
 
     def grouped_reach_sets(
         self, values: FloatArray, step: int, patch: Patch | None = None
@@ -676,7 +676,7 @@ class HJIGames(_OnAxes):
             laid_out = 0 if field.coupled else arranged_bytes(own, self.scheme)  # what the kernels read of it
             if (left_over := self._bytes_left - field.nbytes - laid_out) < 0:
                 return field
-            self._fields[key], self._bytes_left = field if field.coupled else field.kept(), left_over
+            self._fields[key], self._bytes_left = field if field.coupled else field.with_terms(), left_over
         return self._fields[key]
 
     def steps(self, axes: Axes, step: int) -> int:

@@ -277,7 +277,7 @@ class ProjectedSets(GridSets):
         self.lost = self._lost()
         tell(*self.empty())
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Write the entry (step, 0): copy the tube that `_lost` has written to where the entry lies now.
 
         Nothing is done if it lies where `_lost` wrote it; an entry moves up as tubes before it are shared.
@@ -320,7 +320,7 @@ class ProjectedSets(GridSets):
 
         kept = [0.0] * len(games.subspaces)
         for k in starts:
-            super().goal(k)
+            super().write_goal(k)
             self.goals[k] = self.table.tube_index(k, 0)
             goal = self.table.value_array(k, 0)
             kept = [max(most, share(goal, axes)) for most, axes in zip(kept, games.subspaces, strict=True)]

@@ -22,7 +22,7 @@ from sdhj.problem.boxes import Maxima
 from sdhj.problem.cost import ENDLESS_STEPS, Cost, begin, multiplied
 from sdhj.problem.findings import Finding, UnsettledWarning, tell
 from sdhj.problem.grid import Grid
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import LARGEST
 from sdhj.problem.uncertain import eroded_by_error, must_lead_into
@@ -45,7 +45,7 @@ LONG = 4096  # nodes: shorter rows are worth being joined, longer ones leave the
 class TubeSets(Protocol):
     """All tubes S_k with n steps to go, in some representation: the operations that Theorem 2 needs.
 
-    `recursion` calls `goal` once for each step k, then `extend` or `share` for n = 1, 2, ... in order, and asks
+    `recursion` calls `write_goal` once for each step k, then `extend` or `repeat` for n = 1, 2, ... in order, and asks
     `unchanged` only of entries that have been filled in. `finish` is called last, once.
 
     Attributes
@@ -62,7 +62,7 @@ class TubeSets(Protocol):
 
     time_invariant: bool
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Write the entry (step, 0): the target minus the unsafe sets, at the time of the step."""
 
     def extend(self, step: int, within: int) -> None:
@@ -71,7 +71,7 @@ class TubeSets(Protocol):
     def unchanged(self, step: int, within: int) -> bool:
         """Whether the entries (step, within) and (step, within - 1), both filled in, are equal; within >= 1."""
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as the entry (step, within - 1), without computing anything."""
 
     def finish(self, details: Mapping[str, Any]) -> Table:
@@ -128,14 +128,14 @@ def recursion(sets: TubeSets, steps: int, done: Callable[[], Any]) -> None:
 
     Rows k come from `steps` down to 0, and in a row n goes upwards. If nothing depends on time, only the row k = 0 is
     filled in. If the entries (k + 1, n - 1) and (k + 1, n - 2) are equal, so are (k, n) and (k, n - 1), and
-    `sets.share` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the target
-    appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
+    `sets.repeat` is called instead of `sets.extend`. A row with a shared entry may grow again, for example if the
+    target appears late. `done()` is called, and what it returns is ignored, after each entry with n >= 1.
     """
     for step in (0,) if sets.time_invariant else range(steps, -1, -1):
-        sets.goal(step)
+        sets.write_goal(step)
         for within in range(1, steps - step + 1):
             if within >= 2 and sets.unchanged(step + 1, within - 1):
-                sets.share(step, within)
+                sets.repeat(step, within)
             else:
                 sets.extend(step, within)
             done()
@@ -159,7 +159,7 @@ def memory_needed(problem: ReachAvoidProblem, dtype: str = "float32") -> int:
         speeds = np.max([problem.interval(step).speeds for step in {0, problem.steps - 1}], axis=0)
         times += math.ceil(2 * problem.interval(0).delta * float(np.sum(speeds / np.array(grid.spacing))))
     arrays = 12 + (count if problem.sensing.jitter else 0)  # the reach sets of all inputs, while an interval may end
-    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.continued(past), *wide))
+    played = (bytes_of_games(problem, one, dtype, arrays, times) for one in (grid.extended(past), *wide))
     return PROCESS + layout.nbytes + copied + max(played)
 
 
@@ -171,7 +171,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
     wrong.
     """
     problem, slabs = plan.problem, plan.layout.slabs
-    games: Any = plan.whole if slabs == 1 else plan.make(problem, counted=plan.counted)
+    games: Any = plan.whole_games if slabs == 1 else plan.make_games(problem, counted=plan.counted)
     if not hasattr(games, "operations"):
         return None
     played, steps, timed = problem.padded, problem.steps or ENDLESS_STEPS, problem.dynamics.depends_on_time
@@ -190,7 +190,7 @@ def cost_on_grid(plan: Plan, nbytes: int, disk: int = 0) -> Cost | None:
         own = danger.problem
         playing: Any = games
         if own is not played or slabs > 1:
-            playing = plan.make(own, counted=counted) if counted else plan.make(own)
+            playing = plan.make_games(own, counted=counted) if counted else plan.make_games(own)
         each = [playing.operations(own.avoid_axes(danger.unsafe_set), step, avoid=True) for step in looked]
         once += float(np.mean(each)) * share(own.grid, axis, halo) * (steps if danger.moves else 1)
         crossed = max(crossed, playing.crossed)
@@ -226,9 +226,9 @@ class InputRows:
         Nodes of a row.
     all_rows : (R,) int array
         The numbers of all rows.
-    wide : list of int
+    row_widths : list of int
         For the static and for the moving avoid tubes: numbers that they have for a row, `size` or 1.
-    static : (L, parts, wide[0]) array
+    static : (L, parts, row_widths[0]) array
         The static avoid tubes, a view.
     highest : (L, parts) array
         The largest value in each part of `static`.
@@ -247,9 +247,9 @@ class InputRows:
                 last = more
         self.last, self.size = last, math.prod(grid.shape[-last:])
         self.all_rows = np.arange(grid.size // self.size)
-        self.wide = [self.size if grid.ndim - 1 in some else 1 for some in axes]
+        self.row_widths = [self.size if grid.ndim - 1 in some else 1 for some in axes]
         self._known_lines: dict[tuple[tuple[Axes, ...], int], tuple[Any, ...]] = {}
-        self.static = tubes.static.reshape(len(tubes.static), -1, self.wide[0])
+        self.static = tubes.static.reshape(len(tubes.static), -1, self.row_widths[0])
         self.highest = self.static.max(axis=2)
         self.static_at, self.moving_at = (self._part_at(some, last) for some in axes)
 
@@ -330,7 +330,7 @@ class InputRows:
             found = (flat, *self._lines(tuple(reach_sets.axes), reach_sets.number))
         static, moving = self.static, self.tubes.moving[step]
         avoid_rows = AvoidRows(
-            self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.wide[1]), self.moving_at
+            self.highest, static, self.static_at, moving.reshape(len(moving), -1, self.row_widths[1]), self.moving_at
         )
         some = self.all_rows if some is None else some
         add_inputs(
@@ -357,7 +357,7 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
     if layout.slabs == 1:
         if "rows" not in plan.kept:
             # whether the reach sets avoid everything already: joint games know of no unsafe ends
-            joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
+            joint = getattr(plan.whole_games, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
     static, moving = (
@@ -402,7 +402,7 @@ def _extend(plan: Plan, arrays: Memory | Store, task: Task) -> list[FloatArray]:
     only the rows that it names are computed, and the others are copied from the former solve.
     """
     problem, runs = plan.problem, plan.layout.runs("tubes", task.slab)
-    window, games = plan.play(task.slab)
+    window, games = plan.games_on_slab(task.slab)
     before, played = arrays.read("tubes", task.before, runs), problem.padded.grid
     values = must_lead_into(problem, read_window(arrays, "tubes", task.after, window))
     if played is not problem.grid:
@@ -559,7 +559,11 @@ class GridSets:
         slabs = slabs or Slabs(self._in_memory(problem, method, former))
         plan, self.tick = slabs.plan, slabs.tick
         self.plan, self.arrays = plan, Memory(plan.layout) if slabs.arrays is None else slabs.arrays
-        patches = not must_write_out(problem, plan.whole) and getattr(plan.whole, "patches", False) if former else False
+        patches = (
+            not must_write_out(problem, plan.whole_games) and getattr(plan.whole_games, "patches", False)
+            if former
+            else False
+        )
         self.former = former if patches else None
         # none of its own, which would know `self`: the table would stay until garbage is collected
         self.run = slabs.run
@@ -572,7 +576,7 @@ class GridSets:
     @property
     def games(self) -> Any:
         """The games on the whole grid, made at first use; in a solve with one slab, those that play it."""
-        return self.plan.whole
+        return self.plan.whole_games
 
     @staticmethod
     def _in_memory(problem: ReachAvoidProblem, method: GridMethod, former: Former | None) -> Plan:
@@ -588,7 +592,7 @@ class GridSets:
         number = LookupTable.most_tubes(problem) if problem.steps else ENDLESS_STEPS
         why = multiplied(problem, number, problem.grid.size, "nodes")
         remedies = "fewer nodes or steps" + ', or dtype "float32"' * (dtype != "float32")
-        require(needed, "this solve", f"it has {why}; use {remedies}")
+        require_memory(needed, "this solve", f"it has {why}; use {remedies}")
         plan = Plan(problem, method.on, dtype, tuple(map(AvoidGame, dangers(problem.padded))), former=former)
         begin(lambda: cost_on_grid(plan, needed), problem.steps is None)
         check_resolution(problem)
@@ -648,7 +652,7 @@ class GridSets:
             self.tick(1)
         return found
 
-    def goal(self, step: int) -> None:
+    def write_goal(self, step: int) -> None:
         """Write the entry (step, 0), S_k^N = L(t_k) minus G(t_k), on all slabs."""
         self._do(Task("goal", step, self.table.tube_index(step, 0)))
 
@@ -659,7 +663,7 @@ class GridSets:
         """
         table, endless = self.table, self.problem.steps is None
         if endless:
-            require(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
+            require_memory(table.tubes[0].nbytes + table.marks[0].nbytes, f"step {within}", "give a number of steps")
         places = [table.tube_index(*entry) for entry in ((step, within), (step, within - 1), (step + 1, within - 1))]
         self.plan.kept["patch"] = patch = self.former.patch(table, step, within) if self.former else None
         self._do(Task("extend", step, *places))
@@ -686,9 +690,9 @@ class GridSets:
         one, other = (self.table.value_array(step, n) for n in (within, within - 1))
         return all(map(np.array_equal, one, other))  # row by row, as most differ at once
 
-    def share(self, step: int, within: int) -> None:
+    def repeat(self, step: int, within: int) -> None:
         """Make the entry (step, within) the same tube as (step, within - 1); counts it, and ticks its slabs."""
-        self.table.share(step, within)
+        self.table.repeat(step, within)
         self.shared += 1
         self.tick(self.plan.layout.slabs)
 

@@ -15,7 +15,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.tape import Tape
 from sdhj.kernels.true_sets import TRUE_SETS_ONLY, TRUE_SETS_TOO
-from sdhj.problem.checks import points_array, real_array, sealed, states_array, whole
+from sdhj.problem.checks import points_array, read_only_view, real_array, states_array, whole
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.table.ahead import NO_TAPES, choose_by_true_sets, prepared
@@ -80,7 +80,7 @@ class Batch(NamedTuple):
 
     def sealed(self) -> "Batch":
         """A batch with read-only views of these arrays; the originals, which they share, stay writable."""
-        return Batch(*(sealed(getattr(self, name)) for name in Batch._fields))
+        return Batch(*(read_only_view(getattr(self, name)) for name in Batch._fields))
 
     @property
     def promised(self) -> FloatArray:
@@ -327,7 +327,7 @@ class Table:
         return self._share(*self.clipped(start, within))
 
     @cached_property
-    def cell(self) -> float:
+    def change_over_cell(self) -> float:
         """By how much the value of the whole tube, (0, N), changes over a cell at its boundary; 0 if none is found.
 
         On each axis i, whose nodes are h_i apart, the median of |dV/dx_i| h_i over those of `PROBES` random states (of

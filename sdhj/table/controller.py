@@ -596,10 +596,10 @@ class Controller:
 
         An input is safe here if after it the target can still be reached by the last step, not only in the fewest. What
         a certified table lets pass is proved. On a grid, where the value between nodes is wrong by a part of a cell, an
-        input passes only if its margin is at most -`SHIELDED` * `Table.cell`; where none does, it is the one of least
-        margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the depth that
-        the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is that of rule
-        "deepest".
+        input passes only if its margin is at most -`SHIELDED` * `Table.change_over_cell`; where none does, it is the
+        one of least margin. For ever, on a grid, the wanted input has to keep a reserve of `RESERVE` cells and, of the
+        depth that the deepest safe input has by the game's value (`Batch.game`), the share `DEPTH_KEPT`; else it is
+        that of rule "deepest".
 
         Parameters
         ----------
@@ -740,7 +740,9 @@ class Controller:
         if self.table.proved or batch.game is not None:
             return batch.safe
         margins = np.where(batch.safe, batch.margins, np.inf)
-        return batch.safe & (margins <= np.maximum(-SHIELDED * self.table.cell, margins.min(axis=1, keepdims=True)))
+        return batch.safe & (
+            margins <= np.maximum(-SHIELDED * self.table.change_over_cell, margins.min(axis=1, keepdims=True))
+        )
 
     def _reserved(self, batch: Batch, scores: FloatArray, otherwise: float) -> FloatArray:
         """The scores (M, L), with `otherwise` for inputs that keep no reserve, if the table has a game's value.

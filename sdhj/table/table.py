@@ -23,13 +23,13 @@ from sdhj.kernels.lookup import decide
 from sdhj.kernels.tape import RESULTS
 from sdhj.kernels.true_sets import TUBES
 from sdhj.kernels.tubes import avoid_values, tube_values
-from sdhj.problem.checks import axis_numbers, sealed
+from sdhj.problem.checks import axis_numbers, read_only_view
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.uncertain import eroded_by_error, largest_in_error_box
 from sdhj.table.ahead import NO_TAPES, tapes_of
 from sdhj.table.batches import NOWHERE, Batch, Player, Table, entry
-from sdhj.table.files import PACKING, stored, written_table
+from sdhj.table.files import PACKING, read_array, written_table
 from sdhj.table.keeping import Kept
 
 QUIET = 5  # steps over which the motion of a boundary is measured
@@ -196,7 +196,7 @@ class LookupTable(Table):
         """The marks of the tube (start, within) themselves, (bytes, size) uint8; writable until `finish`."""
         return self.marks[self.tube_index(start, within)]
 
-    def share(self, start: int, within: int) -> None:
+    def repeat(self, start: int, within: int) -> None:
         """Let (start, within) be the same stored tube as (start, within - 1), with its marks: writes the index.
 
         Later tubes move up by one position, so call it before they are computed, in place of computing this one;
@@ -316,7 +316,7 @@ class LookupTable(Table):
         >>> values.shape, problem.grid.nodes(0)[values <= 0][[0, -1]]
         ((81,), array([-2.1,  2.1]))
         """
-        return sealed(self.value_array(start, within))
+        return read_only_view(self.value_array(start, within))
 
     def inputs(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Which inputs are safe and make progress at each node: a mask, bool of shape grid.shape + (L,), new.
@@ -477,9 +477,9 @@ class LookupTable(Table):
 
         ValueError if file and problem do not fit together.
         """
-        index = stored(file, "index", "int64", (len(entries(problem.most_steps)),))
+        index = read_array(file, "index", "int64", (len(entries(problem.most_steps)),))
         names = {"marks": "masks"} if "masks" in file else {}  # as files called them at first
-        read = partial(stored, file)
+        read = partial(read_array, file)
         return cls.of_arrays(head, lambda name, *rest: read(names.get(name) or name, *rest), index, problem)
 
     @classmethod

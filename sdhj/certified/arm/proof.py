@@ -26,9 +26,9 @@ from sdhj.kernels.arm.links import Agent, joint_moves
 from sdhj.kernels.compiling import hidden
 from sdhj.kernels.packed import STATE_SLACK, add_certified, erode_packed, erode_rows, to_words
 from sdhj.problem.checks import whole
-from sdhj.problem.memory import require
+from sdhj.problem.memory import require_memory
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.table.files import stored
+from sdhj.table.files import read_array
 
 HALVINGS = 5  # of an interval, to tell whether the arm is clear of a moving disk
 LONGEST = 10.0  # m; CONTACT_MARGIN is for arms and speeds up to this size
@@ -88,7 +88,7 @@ class ArmProof(Proof):
         pieces = np.maximum(np.ceil(parts * speed / max(speed.max(), 1e-300)), 1.0).astype(np.int64)
         widest, cells = max(axis.count for axis in axes), math.prod(axis.count for axis in axes)
         needed = cls.needs(problem, axes, parts) if allowed is None else count * widest * (64 + 96 * parts)
-        require(needed, f"certifying {cells:.1e} cells", "use fewer cells")
+        require_memory(needed, f"certifying {cells:.1e} cells", "use fewer cells")
         first, number = np.zeros((2, 4, count, widest), np.int64)
         moves = np.zeros((2, count, widest, pieces.max(), 6))
         for (axis, own), j in itertools.product(enumerate(axes), range(count)):
@@ -186,7 +186,7 @@ class ArmProof(Proof):
         return out
 
     @property
-    def stated(self) -> dict[str, Any]:
+    def entry_in_head(self) -> dict[str, Any]:
         """The proof's part of a file's head, which `load` is handed again: {"parts": the parts of an interval}."""
         return {"parts": self.parts}
 
@@ -203,12 +203,13 @@ class ArmProof(Proof):
     ) -> "ArmProof":
         """The proof that `save` wrote to an open file.
 
-        stated : what `ArmProof.stated` was. axes : the cells of each axis. ValueError where the parts, or the size or
+        stated : what `ArmProof.entry_in_head` was. axes : the cells of each axis. ValueError where the parts, or the
+            size or
         the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
         `ArmProof.of`. The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)
-        packed = stored(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
+        packed = read_array(file, "allowed", "uint8", (-(-math.prod(shape) // 8),))
         bits = np.unpackbits(packed, count=math.prod(shape), bitorder="little")
         parts = whole("parts", stated["parts"], least=1, most=MOST_PIECES)
         return cls.of(problem, axes, parts, bits.view(np.bool_).reshape(shape))
