@@ -294,9 +294,8 @@ class GeneralProof(Images):
         """The proof that `save` wrote to an open file; its arrays are read-only.
 
         stated : what `GeneralProof.entry_in_head` was; its "unsure" is not read. axes : the cells of each axis.
-            ValueError
-        where what is stated, or the shape or the type of an array, does not fit the problem and its cells; the bits of
-        the arrays are not checked.
+        ValueError where what is stated, or the shape or the type of an array, does not fit the problem and its cells;
+        the bits of the arrays are not checked.
         """
         if len(stated["own"]) != len(axes) or not {True, False}.issuperset(stated["own"]):
             raise ValueError(f"axes of a place must be stated for each axis, got {stated['own']}")
@@ -433,8 +432,7 @@ class GeneralProof(Images):
         """Clear in clear[step], in place, the bits of the inputs by which cells at one place may meet `unsafe_set`.
 
         place : its number. met (L, n1, ..., W) uint64 : as `_cells_meeting_set` returns it; it holds for cells anywhere
-            on
-        the axes that neither the set nor a place has.
+        on the axes that neither the set nor a place has.
         """
         inside, others = np.zeros((2, len(self.axes)), np.bool_)
         inside[list(unsafe_set.axes[:-1])], others[self.strides == 0] = True, True

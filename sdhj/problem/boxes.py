@@ -224,8 +224,7 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
     """How many operations (`sdhj.problem.cost`) `maxima` takes over boxes with corners low, high (L, ndim).
 
     For each node of the grid and each interval along an axis, `A_READ` times (4 + the nodes in the interval, those of
-    the
-    axis at most). low, high : in the axes' units.
+    the axis at most). low, high : in the axes' units.
     """
     corners, reads = np.stack([low, high], axis=2).astype(float), 0.0
     for _, axes_maxima in _maxima_by_axis(corners.tobytes(), len(low), max(EIGHT, TOGETHER // grid.size)):

@@ -287,7 +287,7 @@ class Grid:
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
         """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): none, but on a
-        `PaddedGrid` grid.
+        `PaddedGrid`.
         """
         return ((0, 0),) * self.ndim
 
@@ -518,16 +518,13 @@ class PaddedGrid(Grid):
     (`sdhj.problem.boxes`).
 
     nodes_past_ends : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower`
-        and
-    `upper` are where the nodes end; `faces("frees")` are the safe ends.
+    and `upper` are where the nodes end; `faces("frees")` are the safe ends.
     """
 
     nodes_past_ends: tuple[tuple[int, int], ...] = ()
 
     def __init__(self, grid: Grid, nodes_past_ends: Sequence[Sequence[int]]) -> None:
-        """The nodes of `grid`, padding included, of which the first nodes_past_ends[axis][0] and last nodes_past_ends[axis][1] lie past
-        safe ends.
-        """
+        """The nodes of `grid`, padding included, of which so many at both ends of each axis lie past safe ends."""
         super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
         object.__setattr__(self, "nodes_past_ends", tuple((int(low), int(high)) for low, high in nodes_past_ends))
 

@@ -204,8 +204,7 @@ class ArmProof(Proof):
         """The proof that `save` wrote to an open file.
 
         stated : what `ArmProof.entry_in_head` was. axes : the cells of each axis. ValueError where the parts, or the
-            size or
-        the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
+        size or the type of the data set, do not fit the problem and its cells; ValueError and MemoryError as from
         `ArmProof.of`. The bits are not checked.
         """
         shape = (problem.steps, len(problem.inputs), axes[0].count, axes[1].count)

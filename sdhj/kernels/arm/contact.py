@@ -298,8 +298,7 @@ def arm_inputs(some, steps_left, step, cells, motion, sets, pool, out):
     No input is certified for steps_left[m] = 0.
 
     some (M, 4), steps_left (M,) : the cells, and the steps to go of each. step : the number of the interval, an index
-        into
-        motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
+        into motion.allowed. cells : the `Cells`. motion : an `ArmMotion`.
     sets (n, R), pool (B, W) uint64 : the numbers of the blocks of the sets with 0, 1, ... steps to go, all later ones
         being the last, and the blocks. out (M, L) bool : the inputs that are asked about.
     """
