@@ -126,7 +126,7 @@ def solve(
     with announced(progress), findings() as found:
         tell(*suspicions(problem))
         sets = _filled(problem, method, progress, most)
-        table = _handed_out(sets.finish({"seconds": time.perf_counter() - started}), method)
+        table = _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), method)
         said = _simulated_at_the_end(table) if play else {}
         said |= {"findings": [list(one[:3]) for one in found]} if found else {}
         return replace(cast(Any, table), details=dict(table.details) | said) if said else table
@@ -205,7 +205,7 @@ def resolve(
     started = time.perf_counter()
     with announced(progress):
         sets = _filled(problem, chosen, progress, most, former)
-        return _handed_out(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
+        return _prepared_for_users(sets.finish({"seconds": time.perf_counter() - started}), chosen, former)
 
 
 def _require_problem(problem: Any) -> None:
@@ -214,7 +214,7 @@ def _require_problem(problem: Any) -> None:
         raise ValueError(f"problem must be a ReachAvoidProblem, got {problem!r}")
 
 
-def _handed_out(table: Table, method: Method, former: Former | None = None) -> Table:
+def _prepared_for_users(table: Table, method: Method, former: Former | None = None) -> Table:
     """A copy of the table as users get it: with a `player`, which simulates its runs, and with what `resolve` needs.
 
     Only a `LookupTable` has the latter (`Kept`): the method and, if `former` is given, the avoid tubes of each set and
