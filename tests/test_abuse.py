@@ -419,8 +419,8 @@ def test_address_space_is_a_limit_and_is_named():
             "import resource, sdhj",
             "from sdhj.problem import memory",
             "resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, resource.RLIM_INFINITY))",
-            "memory.require(10**8, 'little')",
-            "memory.require(29 * 10**8, 'much')",
+            "memory.require_memory(10**8, 'little')",
+            "memory.require_memory(29 * 10**8, 'much')",
         ]
     )
     done = run_python(code, OPENBLAS_NUM_THREADS="1")

@@ -321,7 +321,7 @@ def test_without_a_promise_the_marks_of_the_table_decide(
         if marked.any():  # nothing is unsafe: the one of least margin, but for what the true target refutes
             first = np.flatnonzero(marked)[batch.margins[m][marked].argmin()]
             way = states[m][None], np.array([first]), 0, batch.steps_after[m : m + 1]
-            assert batch.best[m] == first or not table.passes(*way)[0]
+            assert batch.best[m] == first or not table.passes_true_sets(*way)[0]
         seen += marked.any() and not marked[batch.margins[m].argmin()]
     assert seen > 0  # the look-ahead alone would have chosen another
     kept = np.where(batch.safe, batch.margins, np.inf)[batch.promised]
@@ -428,7 +428,7 @@ class Halves(Table):
     def problem(self) -> ReachAvoidProblem:  # type: ignore[override]
         return free_problem()
 
-    def _answer(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
+    def _fill_in_by_tubes(self, batch: Batch, rows: np.ndarray, ends: Any) -> None:
         q = batch.states[rows, 0]
         batch.steps_to_go[rows] = np.where(np.abs(q) <= 1, 0, np.where(q < 3, 2, -1))
         batch.safe[rows] = np.stack([q > 0, np.abs(q) <= 1, q < 0], axis=1) & (q < 3)[:, None]
@@ -516,7 +516,9 @@ def test_the_best_candidate_is_the_slow_twin_s(levels: int, rng: np.random.Gener
         inputs=np.zeros((9, 1)), grid=free_problem().grid, has_no_target=True, unsafe=(), unsafe_along=unsafe_along
     )
     table: Any = SimpleNamespace(problem=problem, packed_at=free_table().packed_at, normals=None)
-    table._decide = lambda batch, scores, looks, rows: choose_by_true_sets(table, batch, rows, ends, scores, looks)
+    table._fill_in_and_check = lambda batch, scores, looks, rows: choose_by_true_sets(
+        table, batch, rows, ends, scores, looks
+    )
     chosen = Table.preferred(table, Batch(states, 0, 1, to_go, safe, margins, best), ranked)
     kept = safe & ~failing
     assert chosen.tolist() == naive_controller.best(kept.tolist(), ranked[kept].tolist(), margins.tolist())

@@ -154,7 +154,7 @@ def test_the_bar_moves_within_an_interval_and_ends_where_it_was_said(case):
         meter.tube()
         for within in (1, 2):
             if within == 1:
-                sets.goal(0)
+                sets.write_goal(0)
             sets.extend(0, within)
             meter.tube()
     assert max(meter.seen) < meter.cost.operations / 3

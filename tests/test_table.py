@@ -111,7 +111,7 @@ def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     for k in range(6, -1, -1):
         for n in range(7 - k):
             if n >= 2 and rng.random() < share:
-                table.share(k, n)
+                table.repeat(k, n)
                 told[k, n] = told[k, n - 1]
             else:
                 told[k, n] = len(told)
@@ -131,7 +131,7 @@ def test_without_time_there_is_one_tube_for_each_number_of_steps():
     for k in range(5, -1, -1):
         for n in range(6 - k):
             if n >= 3:  # as if the tube had stopped growing there: it grows no more
-                table.share(k, n)
+                table.repeat(k, n)
             elif n == 5 - k:
                 table.value_array(k, n)[:] = n
     done = table.finish({})

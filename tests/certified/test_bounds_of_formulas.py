@@ -160,7 +160,7 @@ def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, rng):
             return  # refused
         for low, high, states in samples_of_boxes(rng):
             low, high = (np.clip(end, -1.0, 1.0) for end in (low, high))
-            least, most = Bounds(problem).level(problem.unsafe[0], low, high, 0.0, 0.1)
+            least, most = Bounds(problem).bounds_of_level_set(problem.unsafe[0], low, high, 0.0, 0.1)
             for q in states:
                 assert inside(least, most, alone(function, np.clip(q, -1.0, 1.0)))
         nodes, anywhere = problem.grid.points(), rng.uniform(-1, 1, (1000, 2))

@@ -18,7 +18,7 @@ from sdhj.certified import sets as sets_module
 from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels
 from sdhj.problem import memory as memory_module
-from sdhj.table.files import header
+from sdhj.table.files import read_head
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_round_trip(table, tmp_path):
         for n in range(4 - k):
             assert loaded.fraction(start=k, within=n) == table.fraction(start=k, within=n)
     assert np.array_equal(loaded.inputs(start=0, within=2), table.inputs(start=0, within=2))
-    told = header(tmp_path / "certified.h5")
+    told = read_head(tmp_path / "certified.h5")
     assert told["method"] == "certified" and "obstacles" in told["recipe"]["arguments"]
 
 

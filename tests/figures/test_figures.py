@@ -232,7 +232,7 @@ def test_measured_seconds_are_of_one_thread_and_of_all_steps(monkeypatch):
     clock, called, threads = [0.0], [], numba.get_num_threads()
 
     class TubeSets:
-        def goal(self, step):
+        def write_goal(self, step):
             called.append(step)
 
         def extend(self, step, within):
