@@ -177,6 +177,11 @@ class Proof:
         return self.problem.has_no_target
 
     @property
+    def all_at_first(self) -> bool:
+        """Whether all cells are looked at for S_k^1, not only those whose images may hold cells of S_{k+1}^0."""
+        return self.shrinks
+
+    @property
     def phases(self) -> int:
         """After how many steps in a row without a change sets will not change any more; here 1.
 

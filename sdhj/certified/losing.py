@@ -60,6 +60,11 @@ class LosingProof(Images):
         """Whether sets of lost cells lose cells, rather than gain them, with every step to go: with a target."""
         return not self.problem.has_no_target
 
+    @property
+    def all_at_first(self) -> bool:
+        """Whether all cells are looked at for Lost_k^1: always, as who leaves over an unsafe end is led into no cell."""
+        return True
+
     @classmethod
     def against(cls, problem: ReachAvoidProblem, axes: tuple[CellAxis, ...], parts: int) -> "LosingProof":
         """A proof with room for its moves, which `prepare` fills.

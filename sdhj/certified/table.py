@@ -642,7 +642,7 @@ class CellSets:
         rows, blocks = self._added(step + 1, within - 1)
         changed, before = (rows, self.following[rows] ^ blocks), self.cells.copy()
         self.following[rows] = blocks
-        every = self.proof.shrinks and within == 1
+        every = self.proof.all_at_first and within == 1
         self.proof.add(self.prepared, self.cells, self.following, step, None if every else changed)
         if within == 1:
             self.proof.add_arriving(self.cells, step)
