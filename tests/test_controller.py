@@ -706,7 +706,13 @@ def test_on_six_axes_many_states_are_answered_as_each_alone(rng):
         0.3,
         1,
     )
-    table = sdhj.solve(problem, play=False)
+    nothing = AvoidTubes((), np.full(3, -np.inf, np.float32), (), np.full((1, 3), -np.inf, np.float32))
+    table = LookupTable.empty(problem, "noise", "float32", nothing)
+    for step, within in ((0, 0), (1, 0), (0, 1)):
+        noise = rng.normal(0.2, 1.0, problem.grid.shape) if within else np.inf
+        table.value_array(step, within)[:] = np.minimum(problem.goal(step), noise)
+        table.mark_array(step, within)[:] = rng.integers(0, 8, table.mark_array(step, within).shape)
+    read_only((table.index, table.tubes, table.marks))
     states = rng.uniform(lower, upper, (60, 6))
     together, alone = table.batch(states, 0), [table.batch(one[None], 0) for one in states]
     assert (together.steps_to_go >= 0).sum() > 10
