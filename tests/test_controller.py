@@ -619,6 +619,7 @@ REFUSED = [
         (asked("steps_to_go", [0.0], bad), "step must be a whole number from 0 to 3")
         for bad in (-1, 4, 0.5, np.nan, True, "0")
     ),
+    (lambda: free_table().batch([[0.0]], 4), "step must be a whole number from 0 to 3"),
 ]
 
 

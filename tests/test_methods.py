@@ -193,13 +193,6 @@ def test_a_short_form_gives_the_table_of_its_object(name, method):
         np.testing.assert_array_equal(short.inputs(start=k, within=n - k), full.inputs(start=k, within=n - k))
 
 
-def test_hji_is_what_solve_does_by_itself():
-    problem = toys.torus_problem(nodes=9, steps=2)
-    np.testing.assert_array_equal(
-        sdhj.solve(problem).values(start=0, within=2), sdhj.solve(problem, HJI()).values(start=0, within=2)
-    )
-
-
 def test_methods_of_equal_options_are_equal_and_cannot_change():
     assert HJI(sdhj.Scheme(order=3)) == HJI(sdhj.Scheme(order=3)) != HJI()
     assert Projected([[0, 1]]) == Projected(((0, 1),)) != Projected([[0, 2]])

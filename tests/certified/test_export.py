@@ -474,9 +474,6 @@ def test_fused_multiply_adds_change_nothing(exported, monkeypatch):
 
 
 def test_what_cannot_be_exported_is_refused_in_a_line(tmp_path):
-    grid_table = sdhj.solve(toys.torus_problem(), progress=False, play=False)
-    with pytest.raises(ValueError, match=r'only certified tables are exported.*method="certified"'):
-        sdhj.export_c(grid_table, tmp_path)
     late = sdhj.solve(
         digest_cases.CASES["plane, sensing, certified"].problem(), sdhj.Certified(cells=(40, 30), parts=3), play=False
     )
