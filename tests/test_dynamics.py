@@ -189,6 +189,12 @@ def test_functions_are_called_with_what_they_name():
         ({"bounds": [[0.1]]}, "bounds must be a row of half-widths"),
         ({"bounds": [0.1j]}, "bounds must be real numbers.*complex"),
         ({"bounds": [np.nan]}, "bounds has a NaN"),
+        ({"velocity": lambda q, u, v: q}, "give drift, with gain and bounds, or velocity, with bounds"),
+        ({"velocity": lambda q, u, v: q, "drift": None}, "give drift, with gain and bounds, or velocity, with bounds"),
+        (
+            {"velocity": [[1.0]], "drift": None, "gain": None},
+            r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]",
+        ),
     ],
 )
 def test_dynamics_refuse(change, said):
@@ -255,20 +261,6 @@ def test_values_that_are_none_are_refused_when_they_come(change, said):
     dynamics, points = Dynamics(**arrays | change).read(2), np.ones((4, 2))
     with pytest.raises(ValueError, match=said):
         dynamics.drift_at(points, 0, 2.5), dynamics.gain_at(points, 0, 2.5), dynamics.bounds_at(0, 2.5)
-
-
-def test_velocities_that_are_no_formula_or_come_twice_are_refused():
-    velocity = lambda q, u, v: q  # noqa: E731
-    with pytest.raises(ValueError, match="give drift, with gain and bounds, or velocity, with bounds"):
-        Dynamics([[1.0]], [[1.0]], bounds=[0.1], velocity=velocity)
-    with pytest.raises(ValueError, match="give drift"):
-        Dynamics([[1.0]], gain=[[1.0]], bounds=[0.1], velocity=velocity)
-    with pytest.raises(ValueError, match="give drift"):
-        Dynamics([[1.0]])
-    with pytest.raises(ValueError, match=r"velocity must be a function of \(points, u, v, t\), got \[\[1.0\]\]"):
-        Dynamics([[1.0]], velocity=[[1.0]], bounds=[0.1])
-    with pytest.raises(ValueError, match="velocity cannot be a BlackBox"):
-        Dynamics([[1.0]], velocity=BlackBox(lambda q, u, v, t: q), bounds=[0.1]).read(1)
 
 
 # ---- what depends on what

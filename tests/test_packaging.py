@@ -134,7 +134,6 @@ def test_pins_satisfy_the_requirements() -> None:
 
 
 @cache
-@cache
 def top_names(path: Path) -> set[str]:
     """The packages that a file imports, each by the first part of its name."""
     names = []

@@ -281,11 +281,6 @@ def test_unknown_options_are_named(made, named):
         made()
 
 
-def test_something_else_than_a_problem_is_named():
-    with pytest.raises(ValueError, match="problem must be a ReachAvoidProblem, got None"):
-        sdhj.solve(None)
-
-
 @pytest.mark.parametrize("method", ["hji", "lax"])
 def test_units_that_cannot_be_meant_are_named(method):
     """At 10^10 m/s the ends of the axis would be played on 10^11 nodes."""

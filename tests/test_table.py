@@ -193,13 +193,3 @@ def test_values_at_checks_its_points(shape):
         table.values_at(np.zeros(shape), 0, np.zeros(5, int))
     with pytest.raises(ValueError, match="whole number from 0 to 1"):
         table.values_at(np.zeros((5, 1, 1)), 2, np.zeros(5, int))
-
-
-def test_a_table_checks_states_itself(table):
-    """`Controller` hands on what it is given."""
-    with pytest.raises(ValueError, match=r"states must have shape \(M, 2\), got \(2,\)"):
-        table.batch([0.0, 0.0], 0)
-    with pytest.raises(ValueError, match="NaN or an infinity"):
-        table.batch([[0.0, np.inf]], 0)
-    with pytest.raises(ValueError, match="step must be a whole number from 0 to 3"):
-        table.batch([[0.0, 0.0]], 4)

@@ -17,7 +17,6 @@ from sdhj.certified import Certified, CertifiedTable
 from sdhj.certified import sets as sets_module
 from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels
-from sdhj.problem import memory as memory_module
 from sdhj.table.files import read_head
 
 
@@ -144,18 +143,6 @@ def test_solve_makes_certified_tables(monkeypatch):
     assert isinstance(sdhj.solve(problem, method="certified", progress=False), CertifiedTable)
 
 
-def test_too_many_cells_for_the_memory_are_refused(monkeypatch):
-    monkeypatch.setattr(memory_module, "available", lambda: (10_000_000, "are available"))
-    with pytest.raises(MemoryError, match=r"cells needs about .* GB, but only 0.01 GB are available; use fewer cells"):
-        sdhj.solve(sdhj.arm_case_study(nodes=9, steps=1), Certified(cells=(210, 210, 36, 36)))
-
-
-def test_solve_certifies_a_problem_of_ones_own():
-    problem = interval_problem(steps=2)
-    table = sdhj.solve(problem, Certified(cells=[40]), progress=False)
-    assert sdhj.monte_carlo(sdhj.Controller(table), 200, "worst", progress=False).counts["reached"] == 200
-
-
 @pytest.mark.slow
 def test_labels_part_the_states_of_a_tube(table):
     grid_table = sdhj.solve(sdhj.arm_case_study(nodes=9, steps=3), progress=False)
@@ -238,8 +225,3 @@ def test_cells_that_are_no_numbers_of_cells(cells):
 def test_cells_are_one_number_for_each_axis():
     with pytest.raises(ValueError, match=r"cells must be one number for each of the 1 axes, got \[40, 40\]"):
         Certified(cells=[40, 40]).sets(interval_problem(steps=1))
-
-
-def test_a_problem_of_ones_own_with_too_many_cells_is_refused_at_once():
-    with pytest.raises(MemoryError, match=r"certifying .* cells needs about .* GB.*use fewer cells"):
-        Certified(cells=[10**9]).sets(interval_problem(steps=1))

@@ -57,9 +57,7 @@ STOPWATCH = """(cell) => {
 }"""
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Server and browser
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- server and browser
 
 
 def free_port() -> int:
@@ -165,9 +163,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         yield run
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# What a chapter's widgets need
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- what a chapter's widgets need
 
 
 def names_of(tree: ast.AST, kind: type[ast.expr_context]) -> set[str]:
@@ -230,9 +226,7 @@ def test_a_chapter_is_cut_to_what_its_widgets_need(tmp_path: Path) -> None:
     ]
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# A widget, as somebody at the screen sees and moves it
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- a widget, as somebody at the screen sees and moves it
 
 
 class Seen:
@@ -348,9 +342,7 @@ def number_in(status: str, name: str) -> float:
     return float(found[1])
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# The machinery of widgets.py
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- the machinery of widgets.py
 
 TOY = """
 from course import widgets
@@ -436,9 +428,7 @@ def test_play_plays_from_where_the_slider_is(toy: Seen) -> None:
     assert 4 <= number_in(toy.status, "moment") <= 60
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# Every widget of every chapter
-# ----------------------------------------------------------------------------------------------------------------------
+# ---- every widget of every chapter
 
 
 @pytest.fixture(scope="module", params=CHAPTERS, ids=lambda path: path.stem)

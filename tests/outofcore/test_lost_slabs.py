@@ -400,12 +400,6 @@ def test_what_is_not_solved_out_of_core_is_refused(problem, tmp_path):
     for what, (given, method) in refused.items():
         with pytest.raises(ValueError, match=f"a store does not take {what}.*; leave store= out"):
             solve(given, method)
-    with pytest.raises(ValueError, match="resume, client and memory apply to a store only"):
-        sdhj.solve(problem, resume=True)
-    with pytest.raises(
-        MemoryError, match=r"a slab of one node along axis 0 takes .* are allowed; give more as memory="
-    ):
-        solve(problem, memory=1000)
     with pytest.raises(ValueError, match="store must be the name of a folder, got 5"):
         sdhj.solve(problem, store=5)
     with pytest.raises(ValueError, match="memory must be a whole number"):
