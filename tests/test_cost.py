@@ -159,7 +159,9 @@ def test_the_bar_moves_within_an_interval_and_ends_where_it_was_said(case):
             meter.tube()
     assert max(meter.seen) < meter.cost.operations / 3
     if case != "endless":
-        assert sum(meter.seen) + meter.each == pytest.approx(meter.cost.operations + meter.each, rel=1e-6)
+        assert sum(meter.seen) + meter.operations_per_tube == pytest.approx(
+            meter.cost.operations + meter.operations_per_tube, rel=1e-6
+        )
 
 
 MEASURED = """

@@ -469,9 +469,8 @@ def python_answers(
     """
     problem, left, count = table.problem, table.steps - step, len(states)
     states = predicted(problem, states, np.full(count, problem.sensing.rest), step)
-    to_go, safe, chosen = table._words.look_up(
-        table, states, step, left if problem.has_no_target else min(1, left), rule
-    )
+    within = left if problem.has_no_target else min(1, left)
+    to_go, safe, chosen = table._words.look_up(table, states, step, within, rule)
     proved = table._words.look_up(table, states, step, left, None)[1]
     clear = table._words.look_up(table, states, step, CLEAR, None)[1] if left and "clear" in fields else safe & False
     distances = squared_distances(problem.inputs, problem.inputs[wanted])

@@ -62,7 +62,7 @@ def steepest(grid: Grid, values: FloatArray, axis: int) -> float:
     return float(np.abs(there - here).max(initial=0.0)) if values.shape[axis] > 1 else 0.0
 
 
-def neighbour_values(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
+def neighbour(grid: Grid, values: FloatArray, axis: int, by: int, past: float) -> FloatArray:
     """For each node (or cell) the value at the one that is `by` further along an axis: a new array.
 
     by : how many nodes, not 0, negative for the other direction; on a bounded axis fewer than it has. On a periodic

@@ -19,7 +19,7 @@ from sdhj.kernels import FloatArray
 from sdhj.problem.findings import Finding, tell
 from sdhj.problem.grid import Grid
 from sdhj.problem.memory import available
-from sdhj.problem.nodes import neighbour_values, steepest
+from sdhj.problem.nodes import neighbour, steepest
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet
 
@@ -264,7 +264,7 @@ def _hidden_finding(
         corners = np.minimum(*grid.edges(corners, axis))
     seen = corners <= 0
     for axis in range(grid.ndim):
-        seen = seen | neighbour_values(grid, seen, axis, -1, False) | neighbour_values(grid, seen, axis, 1, False)
+        seen = seen | neighbour(grid, seen, axis, -1, False) | neighbour(grid, seen, axis, 1, False)
     suspects = np.flatnonzero((corners <= bound) & ~seen)
     offsets = np.array(list(product((-1.0, 0.0, 1.0), repeat=grid.ndim)))
     most = SOUGHT // (ROUNDS * len(offsets)) + 1
@@ -347,7 +347,7 @@ def flat_inside_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t
     for axis in range(grid.ndim):
         here, there = grid.edges(values, axis)
         changes.append(np.abs(here - there)[(here > 0) != (there > 0)])
-        bottom &= neighbour_values(grid, bottom, axis, -1, False) & neighbour_values(grid, bottom, axis, 1, False)
+        bottom &= neighbour(grid, bottom, axis, -1, False) & neighbour(grid, bottom, axis, 1, False)
     crossed = np.concatenate(changes)
     if least >= 0 or not bottom.any() or not crossed.size:
         return None
@@ -384,23 +384,15 @@ def too_thin_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet", t: f
     thin = np.isfinite(cells)
     deepest = values
     for axis in range(grid.ndim):
-        deepest = np.minimum.reduce([deepest, *(neighbour_values(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
+        deepest = np.minimum.reduce([deepest, *(neighbour(grid, deepest, axis, by, np.inf) for by in (-1, 1))])
     found = thin.all(axis=0) & (values == deepest)  # dots, not the tips of what is deeper behind
     for across, along in permutations(range(grid.ndim), 2):  # a wall may lie aslant
-        near = np.logical_or.reduce([neighbour_values(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
-        found |= (
-            thin[across]
-            & neighbour_values(grid, near, along, -1, False)
-            & neighbour_values(grid, near, along, 1, False)
-        )
+        near = np.logical_or.reduce([neighbour(grid, thin[across], across, by, False) for by in (-1, 0, 1)])
+        found |= thin[across] & neighbour(grid, near, along, -1, False) & neighbour(grid, near, along, 1, False)
     for axis in range(grid.ndim):  # a chord that grazes what is thick beside it is no wall
         thick = (values <= 0) & ~thin[axis]
         for along, by in product(range(grid.ndim), (1, 2)):
-            thick = (
-                thick
-                | neighbour_values(grid, thick, along, -by, False)
-                | neighbour_values(grid, thick, along, by, False)
-            )
+            thick = thick | neighbour(grid, thick, along, -by, False) | neighbour(grid, thick, along, by, False)
         thin[axis] &= ~thick
     found &= thin.any(axis=0)
     if not found.any():
@@ -431,7 +423,7 @@ def _thickness(grid: Grid, values: FloatArray, axis: int) -> FloatArray:
     A thin piece has one or two nodes along the axis, which lie less than `DEEP` cells deep. Thickness is measured
     between the zeros of the interpolant; it is at least `LEAST_SHOWN`.
     """
-    last, before, after, further = (neighbour_values(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
+    last, before, after, further = (neighbour(grid, values, axis, by, -np.inf) for by in (-2, -1, 1, 2))
     thickness = np.full(values.shape, np.inf)
     alone, pairs = (before, values, values, after), ((before, values, after, further), (last, before, values, after))
     with np.errstate(invalid="ignore", divide="ignore"):
