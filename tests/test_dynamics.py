@@ -663,15 +663,6 @@ def test_what_depends_on_time_is_told_apart(dynamics, time_invariant):
 # ---- velocities that the disturbance enters as it likes
 
 
-def test_the_state_may_have_any_name_and_the_others_any_order():
-    forms = [
-        lambda points, u, t: points * u[0] + t,
-        lambda q, u, t: q * u[0] + t,
-        lambda whatever, t, u: whatever * u[0] + t,
-    ]
-    assert len({problem_of(Dynamics([[1.0], [2.0]], form, [[1.0], [0.0]], [0.1])).digest for form in forms}) == 1
-
-
 LINEAR = {
     "constant": (
         lambda q, u, v, t: np.stack([0 * q[:, 0] + u[0] + v[0], 0 * q[:, 1] + v[1] - 0.5 * v[0]], axis=1),

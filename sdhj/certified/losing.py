@@ -62,7 +62,7 @@ class LosingProof(Images):
 
     @property
     def all_at_first(self) -> bool:
-        """Whether all cells are looked at for Lost_k^1: always, as who leaves over an unsafe end is led into no cell."""
+        """Whether all cells are asked about for Lost_k^1: yes, as who leaves over an unsafe end is led into no cell."""
         return True
 
     @classmethod

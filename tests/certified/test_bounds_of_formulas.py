@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import sdhj
-from sdhj.certified.bounds import Bounds
 
 
 def test_a_spike_between_the_samples_is_seen():
@@ -27,25 +26,10 @@ def test_a_spike_between_the_samples_is_seen():
     assert table.contains([[1.3]], start=0, within=10) and not table.contains([[1.2]], start=0, within=10)
 
 
-def samples_of_boxes(rng):
-    """Boxes of all widths, some about zero, where much jumps; and states of each."""
-    for width in (0.0, 0.02, 0.3, 1.5):
-        centre = rng.uniform(-1, 1, (200, 2))
-        centre[:20], centre[20:40, 0] = 0.0, 0.0
-        low, high = centre - width / 2, centre + width / 2
-        yield low, high, [low + (high - low) * rng.choice([0.0, 0.5, 1.0, rng.uniform()], low.shape) for _ in range(5)]
-
-
 def alone(function, states):
     """The values of a function, each state on its own."""
     with np.errstate(all="ignore"):
         return np.array([np.asarray(function(q[None].copy()), dtype=np.float64)[0] for q in states])
-
-
-def inside(low, high, values):
-    """Whether bounds hold; none are given where a value may be undefined."""
-    open_ = np.isnan(low) | (np.isinf(low) & np.isinf(high))
-    return bool((open_ | ((low - 1e-12 <= values) & (values <= high + 1e-12))).all())
 
 
 def problem_with(function):
@@ -66,24 +50,20 @@ def problem_with(function):
 
 
 @pytest.mark.filterwarnings("ignore::sdhj.problem.findings.ResolutionWarning")
-@pytest.mark.parametrize("name", ["bool_add3", "nan_not", "nan_eq", "cut", "xor", "neg_mod", "truthy", "fine_sq"])
-def test_what_is_easily_bounded_wrongly_is_refused_or_right(name, rng):
-    """Bounds hold at every sample, and neither method promises a state that is in the set."""
-    function = awkward.FUNCTIONS[name]
-    with np.errstate(all="ignore"):
-        try:
-            problem = problem_with(function)
-            tables = [sdhj.solve(problem, method, progress=False, play=False) for method in METHODS]
-        except ValueError:
-            return  # refused
-        for low, high, states in samples_of_boxes(rng):
-            low, high = (np.clip(end, -1.0, 1.0) for end in (low, high))
-            least, most = Bounds(problem).bounds_of_level_set(problem.unsafe[0], low, high, 0.0, 0.1)
-            for q in states:
-                assert inside(least, most, alone(function, np.clip(q, -1.0, 1.0)))
-        nodes, anywhere = problem.grid.points(), rng.uniform(-1, 1, (1000, 2))
-        for table, q in zip(tables, (nodes, anywhere), strict=True):
-            assert not (table.contains(q, start=0, within=0) & (alone(function, q) <= 0.0)).any()
+def test_what_is_easily_bounded_wrongly_is_refused_or_right(rng):
+    """Neither method promises a state that is in the set."""
+    solved, anywhere = 0, rng.uniform(-1, 1, (1000, 2))
+    for name, function in awkward.FUNCTIONS.items():
+        with np.errstate(all="ignore"):
+            try:
+                problem = problem_with(function)
+                tables = [sdhj.solve(problem, method, progress=False, play=False) for method in METHODS]
+            except ValueError:
+                continue  # refused, as test_tracing says
+            for table, q in zip(tables, (problem.grid.points(), anywhere), strict=True):
+                assert not (table.contains(q, start=0, within=0) & (alone(function, q) <= 0.0)).any(), name
+        solved += 1
+    assert solved > 30
 
 
-METHODS = (sdhj.HopfLax(), sdhj.Certified(cells=[8, 8], parts=2))
+METHODS = ("hji", sdhj.Certified(cells=[8, 8], parts=2))

@@ -6,18 +6,14 @@ import re
 import subprocess
 import sys
 
-import h5py
 import numpy as np
 import pytest
-from forging import forged
 from toys import interval_problem
 
 import sdhj
 from sdhj.certified import Certified, CertifiedTable
 from sdhj.certified import sets as sets_module
-from sdhj.certified.check import verify
 from sdhj.certified.labels import LABELS, labels
-from sdhj.table.files import read_head
 
 
 @pytest.fixture(scope="module")
@@ -71,18 +67,6 @@ def test_runs_share_out_over_threads_on_the_simplest_threading_layer(table, tmp_
         text=True,
     )
     assert done.stdout.strip() == "3000", done.stderr
-
-
-def test_round_trip(table, tmp_path):
-    table.save(tmp_path / "certified.h5")
-    loaded = sdhj.load(tmp_path / "certified.h5")
-    assert isinstance(loaded, CertifiedTable)
-    for k in range(4):
-        for n in range(4 - k):
-            assert loaded.fraction(start=k, within=n) == table.fraction(start=k, within=n)
-    assert np.array_equal(loaded.inputs(start=0, within=2), table.inputs(start=0, within=2))
-    told = read_head(tmp_path / "certified.h5")
-    assert told["method"] == "certified" and "obstacles" in told["recipe"]["arguments"]
 
 
 @pytest.mark.parametrize("adversary", ["random", "aggressive", "worst"])
@@ -174,31 +158,6 @@ def test_labels_refuse_other_problems_of_ones_own():
     assert (labels(claimed, proved, points, within=2) == LABELS.index("certified")).mean() > 0.3
     with pytest.raises(ValueError, match="different games"):
         labels(claimed, other, points, within=2)
-
-
-@pytest.mark.slow
-def test_what_is_checked_is_what_is_loaded(table, tmp_path):
-    """There is one recipe in a file: it is checked, and neither it nor the digest can be another one's."""
-    path, other = tmp_path / "forged.h5", sdhj.arm_case_study(nodes=9, steps=3, v_p_max=0.6)
-    table.save(path)
-    with forged(path) as (told, _):
-        told["recipe"] = dict(other.recipe)
-    with pytest.raises(ValueError, match="velocities of the head must be those of its recipe"):
-        verify(path, samples=60)
-    with pytest.raises(sdhj.TableFileError, match="solved for another problem"):
-        sdhj.load(path)
-
-
-@pytest.mark.parametrize("name", ["index", "pool", "allowed"])
-def test_a_flipped_bit_is_noticed(table, tmp_path, name):
-    path = tmp_path / "flipped.h5"
-    table.save(path)
-    with h5py.File(path, "r+") as file:
-        data = file[name][()]
-        data.flat[data.size // 2] ^= 1
-        file[name][...] = data
-    with pytest.raises(sdhj.TableFileError, match="damaged"):
-        sdhj.load(path)
 
 
 @pytest.mark.slow
