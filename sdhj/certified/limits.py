@@ -49,14 +49,15 @@ CELLS = frozenset({"rounding", "target", "clearance"})
 EVERY = "more cells along every axis"
 MOST_AXES = 3  # that are cut finer at once
 LONGEST, EVER = 60, 1000  # steps of a copy, and for ever
-SHARE, LEAST = 0.8, 0.4  # of the solve's time for all copies, by the model; and seconds that they always have
-PLANNED = 0.6  # of all copies, how many are solved about
+SHARE, LEAST = 0.8, 1.2  # of the solve's time for all copies, by the model; and seconds that they always have
+PLANNED = 1.2  # copies that are solved, about, for each axis and two more
 # seconds, however few cells there are: of a solve, of an input in one interval, and of an entry
-START, CALL, ENTRY = 3e-3, 8e-4, 3e-4
+START, CALL, ENTRY = 3e-3, 8e-4, 3e-4  # of an input and an entry where all cells move alike
 MOST_ENTRIES = 200  # after about so many nothing changes any more
 ENOUGH = 0.5  # of what is missing without the losses of cells: a cause that gains so much is the last that is tried
 MORE_STEPS = "more steps"
-COARSER, FEWEST, LITTLE = 1.25, 4, 0.98  # from one try of cells to the next; cells of an axis; what is no gain of time
+KINDS = ("cells", "problem", "reach", "finer", "all finer", "other")
+COARSER, FEWEST = 1.25, 4  # from one try of cells to the next; cells of an axis
 MOST_SETS = 4  # unsafe sets that are taken away one at a time, if there are no more
 GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best of its kind gains: less is not said
 FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for what cells lose
@@ -228,8 +229,8 @@ class Copy(GeneralProof):
 class Trial(NamedTuple):
     """A copy that may be solved, made from another one by taking something away or adding something.
 
-    kind : "cells", what cells lose; "problem", what is taken away from the problem; "finer" and "all finer", cells that
-        are added; "other", what else is.
+    kind : "cells", what cells lose; "problem", what is taken away from the problem; "reach", what may bring in states
+        that nothing else does; "finer" and "all finer", cells that are added; "other", what else is.
     cause : what is taken away, in words for the user; "" if something is added.
     helps : what is added or, if something is taken away, what helps against it; "" if that is not known.
     proof : makes the copy's proof; it raises ValueError or MemoryError where there is none.
@@ -328,23 +329,25 @@ class Limits:
         share = partial(self._share, states, step, within)
         kept, free = share(self.plain), share(self.free)
         lost, beyond = free - kept, 1.0 - free  # the most that cells can gain, and that all else can
-        found: dict[str, list[Gain]] = {kind: [] for kind in ("cells", "problem", "finer", "all finer", "other")}
+        found: dict[str, list[Gain]] = {kind: [] for kind in KINDS}
 
         def matters(kind: str) -> bool:
             """Whether a trial of this kind may still be told of."""
             most = max((own.more for own in found["problem"]), default=0.0)
             if kind == "problem":
                 return beyond >= max(GAINED, BESIDE * lost) and most < ENOUGH * beyond
-            some = kind == "all finer" and _most(found["finer"])
+            if kind == "reach":
+                return all(own.more < max(GAINED, FAR_BEHIND * beyond) for some in found.values() for own in some)
+            some = kind == "all finer" and _most(found["finer"], FAR_BEHIND * lost)
             return kind == "other" or (lost >= max(GAINED, FAR_BEHIND * most) and not some)
 
         for trial in self._trials(lost >= beyond):
             if matters(trial.kind) and (table := self._table(trial)) is not None:
                 more = 0 if trial.helps != MORE_STEPS else self.problem.steps
                 then = self._share(states, step, within + more, table) if more else share(table)
-                before = free if trial.kind == "problem" else kept
+                before = free if trial.kind in ("problem", "reach") else kept
                 found[trial.kind].append(Gain(trial.cause, trial.helps, before, then))
-        together, others = Gain("wide cells", "", kept, free), found["problem"]
+        together, others = Gain("wide cells", "", kept, free), found["problem"] + found["reach"]
         most = max((own.more for own in others), default=0.0)
         causes = _most(found["cells"], FAR_BEHIND * most) or _most([together], FAR_BEHIND * most)
         causes += _most(others, BESIDE * max(own.more for own in (*found["cells"], together)))
@@ -371,23 +374,23 @@ class Limits:
     def _few(self, table: Any) -> tuple[tuple[CellAxis, ...], float]:
         """The cells of each axis of the copies, and the seconds that all may take.
 
-        The table's cells, or fewer, so that the share `PLANNED` of all copies takes no longer. At least `FEWEST` along
-        an axis, and no fewer once that saves no more time.
+        The table's cells, or fewer, so that about as many copies as are solved take no longer; those that take least
+        where none are few enough, as what unsafe sets and calls cost does not shrink with the cells. At least `FEWEST`
+        along an axis.
         """
-        few, before, factor, speeds = table.axes, np.inf, 1.0, speeds_of(self.problem)
+        few, speeds, many = table.axes, speeds_of(self.problem), PLANNED * (len(table.axes) + 2)
         settles = replace(self.problem, steps=min(self.problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
         self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=Copy.most_boxes)
         own = table.proof.seconds if not isinstance(table.proof, GeneralProof) else sum(self._seconds(few, False))
-        most = max(SHARE * own, LEAST)
-        while True:
-            self.axes = few
-            first, rest = self._seconds(few)
-            needed = first + 2 * rest + PLANNED * sum(one.seconds for one in self._trials(True))
-            # what unsafe sets cost does not shrink with the cells
-            if needed <= most or first + rest >= before:
+        most, tried, factor, fewer = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0, True
+        while fewer:
+            tried.append((many * sum(self._seconds(few)), few))
+            if tried[-1][0] <= most:
                 return few, most
-            factor, before = factor * COARSER, LITTLE * (first + rest)
-            few = aligned(self.problem, [max(round(axis.count / factor), FEWEST) for axis in table.axes])
+            factor *= COARSER
+            wished = [max(round(axis.count / factor), FEWEST) for axis in table.axes]
+            few, fewer = aligned(self.problem, wished), max(wished) > FEWEST
+        return min(tried, key=lambda one: one[0])[1], most
 
     def _seconds(self, axes: tuple[CellAxis, ...], copied: bool = True) -> tuple[float, float]:
         """The seconds that the proof and the recursion of cells `axes` take by the model, with those of each call.
@@ -399,6 +402,7 @@ class Limits:
         times = 1 if problem.time_invariant else problem.steps
         calls = len(problem.inputs) * times * (1 + len(problem.unsafe))
         entries = min(entries, MOST_ENTRIES) if problem.time_invariant else entries * (entries + 1) // 2
+        entries *= len(problem.inputs) if problem.dynamics.constant else 1
         return first + CALL * calls, rest + START + ENTRY * entries
 
     def _trials(self, cells_first: bool) -> Iterator[Trial]:
@@ -450,10 +454,10 @@ class Limits:
         if problem.time_invariant and not problem.has_no_target and not self.settled and problem.steps < LONGEST:
             longer = partial(replace, problem, steps=2 * problem.steps)
             proof = lambda: replace(self._base.taking(*CELLS), problem=longer())  # noqa: E731
-            yield Trial("problem", "few steps", MORE_STEPS, proof, 2 * rest)
+            yield Trial("reach", "few steps", MORE_STEPS, proof, 2 * rest)
         if isinstance(problem.dynamics.drift, Formula) and problem.dynamics.gain is not None:
             strong = self._freed(dynamics=problem.dynamics.stronger)
-            yield Trial("problem", "weak inputs", "stronger inputs", strong, first + rest)
+            yield Trial("reach", "weak inputs", "stronger inputs", strong, first + rest)
 
     def _freed(self, **change: Callable[[], Any]) -> Callable[[], Copy]:
         """What makes the proof of the problem without the losses of cells, with fields made by what is given."""

@@ -82,6 +82,11 @@ def joint(delta, error=0.0, memory=False):
     )
 
 
+def trial(copies, cause):
+    """The copy without one cause, not yet solved."""
+    return next(one for one in copies._trials(True) if one.cause == cause)
+
+
 # ---- what is taken away, by plain loops and in closed form
 
 
@@ -91,7 +96,7 @@ def test_images_that_are_not_rounded_out():
     copies = table.limits
     width, count = float(copies.axes[0].width), copies.axes[0].count
     assert count == 17 and abs(PUSH / width % 1.0) > 1e-3
-    rounding = next(one.table for one in copies.tried if one.cause == "rounding")
+    rounding = copies._table(trial(copies, "rounding"))
     held = rounding.bits(start=0, within=0)
     assert (held == copies.plain.bits(start=0, within=0)).all() and held.any()
     proof = rounding.proof
@@ -113,9 +118,9 @@ def test_tubes_and_goals_of_centres():
     copies = solved(line(), 17).limits
     edges = copies.axes[0].edges()
     centres, fine = (edges[1:] + edges[:-1]) / 2, float(copies.axes[0].width) / 16
-    target = next(one.table for one in copies.tried if one.cause == "whole cells of the target")
+    target = copies._table(trial(copies, "whole cells of the target"))
     assert (target.bits(start=0, within=0) == (np.abs(centres - 8.03) <= 1.3)).all()
-    proof = next(one.table for one in copies.tried if one.cause == "clearance of whole cells").proof
+    proof = copies._table(trial(copies, "clearance of whole cells")).proof
     for j, (low, high) in enumerate(((-PUSH, PUSH), (0.0, SLOW + PUSH))):  # wherever it may come to on the way
         clear = proof.clear[0, :, 0] >> j & 1 == 1
         inside = (centres + high > 2.6 + fine) & (centres + low < 3.4 - fine)
@@ -127,7 +132,7 @@ def test_tubes_and_goals_of_centres():
 def test_without_anything_a_copy_has_what_there_is():
     """In closed form: as many steps before the target as the push leaves of them; to a cell."""
     copies = solved(line(), 17).limits
-    free = next(one.table for one in copies.tried if one.cause == "wide cells")
+    free = copies.free
     lower, width = 8.03 - 1.3 - 12 * (SLOW - PUSH), float(copies.axes[0].width)  # 4.77
     places = np.linspace(lower, 8.03, 400)[:, None]
     assert free.contains(places[places[:, 0] > lower + width]).all() and copies.plain.contains(places).mean() < 0.75
@@ -234,8 +239,8 @@ def test_what_cannot_be_tried_is_left_out():
     )
     table = solved(problem, 20)
     assert not table.fraction() and table.explain([7.0]).helps
-    tried = [one.cause or one.helps for one in table.limits.tried]
-    assert {"creep", "push", "a longer interval"} <= set(tried)
+    tried = [cause or helps for cause, helps in table.limits.tried]
+    assert {"push", "a longer interval"} <= set(tried)
     with pytest.raises(ValueError, match="unsafe"):
         replace(problem, unsafe=[])
     assert "clearance of 'post'" not in tried
