@@ -12,8 +12,9 @@ cause. A *copy* of the problem has coarser cells. Of these something is taken aw
 
 With all three taken away cells lose nearly nothing, and what a copy has then is about what the problem has. From such a
 copy is taken away what is of the problem itself: *push*, the adversary; *noise*, what `Sensing` says of errors, delays
-and jitter; *clearance* again, each unsafe set. And to the copy that lacks nothing is added what a user might try: twice
-the cells along an axis, an interval of twice the length, a controller that remembers.
+and jitter; *clearance* again, each unsafe set; and if nothing of all this is it, the number of steps and what inputs
+cannot do. And to the copy that lacks nothing is added what a user might try: twice the cells along an axis, an interval
+of twice the length or of half, a controller that remembers.
 
 No copy is a proof, and all images of copies are boxes. What counts is what it has more than the copy that it was made
 from.
@@ -57,7 +58,7 @@ MOST_ENTRIES = 200  # after about so many nothing changes any more
 ENOUGH = 0.5  # of what is missing without the losses of cells: a cause that gains so much is the last that is tried
 MORE_STEPS = "more steps"
 KINDS = ("cells", "problem", "reach", "finer", "all finer", "other")
-COARSER, FEWEST = 1.25, 4  # from one try of cells to the next; cells of an axis
+COARSER, COARSEST, FEWEST = 1.25, 4.0, 4  # from one try of cells to the next, and at most; cells of an axis
 MOST_SETS = 4  # unsafe sets that are taken away one at a time, if there are no more
 GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best of its kind gains: less is not said
 FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for what cells lose
@@ -265,7 +266,7 @@ class Gain(NamedTuple):
 class Limits:
     """The coarse copies of a table's problem, and which of the changes to it gain states.
 
-    A copy is solved once it is asked about and may matter, and kept. All of them together take no more seconds than the
+    A copy is solved once it is asked about and may matter, and kept. All of them together take about as long as the
     table's solve, by the model of `sdhj.certified.choosing`, or `LEAST`.
 
     Attributes
@@ -304,8 +305,8 @@ class Limits:
             self.axes, self.left = self._few(table)
             self._base = self._proof(self.problem, self.axes, parted=True)
             self.plain, self.free = self._solved(self._base), self._solved(self._base.taking(*CELLS))
-        seconds = self._seconds(self.axes)
-        self.left -= seconds[0] + 2 * seconds[1]
+        first, rest = self._seconds(self.axes)
+        self.left = max(self.left - first - 2 * rest, self.left / 2)  # what these two took may be more
 
     @property
     def cells(self) -> str:
@@ -375,21 +376,21 @@ class Limits:
         """The cells of each axis of the copies, and the seconds that all may take.
 
         The table's cells, or fewer, so that about as many copies as are solved take no longer; those that take least
-        where none are few enough, as what unsafe sets and calls cost does not shrink with the cells. At least `FEWEST`
-        along an axis.
+        where none are few enough, as what unsafe sets and calls cost does not shrink with the cells. At most `COARSEST`
+        times as wide as the table's, and at least `FEWEST` along an axis.
         """
         few, speeds, many = table.axes, speeds_of(self.problem), PLANNED * (len(table.axes) + 2)
         settles = replace(self.problem, steps=min(self.problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
         self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=Copy.most_boxes)
         own = table.proof.seconds if not isinstance(table.proof, GeneralProof) else sum(self._seconds(few, False))
-        most, tried, factor, fewer = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0, True
-        while fewer:
+        most, tried, factor = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0
+        while factor <= COARSEST:
             tried.append((many * sum(self._seconds(few)), few))
             if tried[-1][0] <= most:
                 return few, most
             factor *= COARSER
             wished = [max(round(axis.count / factor), FEWEST) for axis in table.axes]
-            few, fewer = aligned(self.problem, wished), max(wished) > FEWEST
+            few = aligned(self.problem, wished)
         return min(tried, key=lambda one: one[0])[1], most
 
     def _seconds(self, axes: tuple[CellAxis, ...], copied: bool = True) -> tuple[float, float]:

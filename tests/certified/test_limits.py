@@ -65,6 +65,11 @@ def plane(push=0.2, gap=0.6):
     )
 
 
+def bar():
+    """A bar below, where the plane has its wall."""
+    return [sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] + 1.5, name="bar")]
+
+
 def joint(delta, error=0.0, memory=False):
     """A joint before its stops, to be kept from them for ever; rad, rad/s."""
 
@@ -210,6 +215,49 @@ def test_where_there_are_no_copies(monkeypatch):
     )
     says = table.explain([0.5])
     assert not says.causes and "cannot be tried" in says.helps[0]
+
+
+def test_what_is_out_of_reach():
+    """A state that is 3 m away and has 2 steps of 0.4 m: more steps, or stronger inputs, and no cells."""
+    near = replace(line(), unsafe=[], steps=2)
+    says = solved(near, 100).explain([5.9])
+    assert says.causes == ("few steps",) and says.helps == ("more steps",)
+    assert solved(replace(near, steps=8), 100).contains([[5.9]])[0]
+    far = solved(near, 100).explain([0.5])
+    assert not far.causes and "nothing that was tried" in far.helps[0]
+
+
+def test_inputs_that_are_twice_as_strong():
+    """About their mean: as plain numbers have it, of constants and of a function of the state."""
+    for problem in (line(), car()):
+        q = np.random.default_rng(0).uniform(problem.grid.lower, problem.grid.upper, (50, problem.grid.ndim))
+        strong = problem.dynamics.stronger()
+        drifts = np.stack([problem.dynamics.drift_at(q, j) for j in range(len(problem.inputs))])
+        for j, drift in enumerate(drifts):
+            assert np.allclose(strong.drift_at(q, j), 2 * drift - drifts.mean(axis=0), atol=1e-12)
+
+
+def test_without_one_set_as_if_it_had_never_been():
+    """The sets of a proof that was prepared with others are those of the problem without the set."""
+    two = replace(plane(), unsafe=[*plane().unsafe, *bar()])
+    copies = solved(two, 40, 40).limits
+    for one in two.unsafe:
+        rest = replace(two, unsafe=[other for other in two.unsafe if other is not one])
+        alone = copies._solved(copies._proof(rest, copies.axes).taking("rounding", "target", "clearance"))
+        shared = copies._solved(copies._without(one.name))
+        assert (alone.bits(start=0, within=12) == shared.bits(start=0, within=12)).all()
+
+
+def test_copies_take_about_as_long_as_the_solve(monkeypatch):
+    """By the model, where that is more than `LEAST`; and what can be no cause is not tried."""
+    monkeypatch.setattr("sdhj.certified.limits.LEAST", 0.0)
+    table = solved(plane(push=1.1), 400, 400)
+    copies, free = table.limits, drawn(table.problem)
+    begun = copies.left
+    copies.gains(free[~table.contains(free)], 0, table.steps)
+    assert 0 <= copies.left <= begun and max(axis.count for axis in copies.axes) < 400
+    assert ("push", "a smaller disturbance or stronger inputs") in copies.tried
+    assert not any(helps.startswith("more cells") for _, helps in copies.tried)
 
 
 @pytest.mark.parametrize("steps", [3, 4])
