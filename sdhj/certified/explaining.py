@@ -25,7 +25,9 @@ SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never 
 LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, all of them are asked about
 UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
 TWICE = "more than twice the cells, of which twice along an axis are not enough"
-BEYOND = "nothing that was tried one at a time, more cells neither: a nearer target, stronger inputs, or several changes"
+BEYOND = (
+    "nothing that was tried one at a time, more cells neither: a nearer target, stronger inputs, or several changes"
+)
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 

@@ -65,6 +65,7 @@ class ArmProof(Proof):
         """What a solve takes on one core: a count of what is computed, times the seconds of each, so no clock."""
         steps, cells = self.problem.most_steps, math.prod(axis.count for axis in self.axes)
         return 2 * CELL * cells * len(self.problem.inputs) * (steps * (steps + 1) // 2)
+
     rows = 2
     time_invariant = False
 
