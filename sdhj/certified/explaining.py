@@ -25,9 +25,7 @@ SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never 
 LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, all of them are asked about
 UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
 TWICE = "more than twice the cells, of which twice along an axis are not enough"
-BEYOND = (
-    "nothing that was tried one at a time, more cells neither: a nearer target, stronger inputs, or several changes"
-)
+BEYOND = "nothing that was tried one at a time, nor more cells: several changes at once, or much stronger inputs"
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
@@ -127,7 +125,7 @@ def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain]) -> 
         return [BEYOND]
     out = [one.helps for one in causes if one.helps]
     of_cells = len(out) < len(causes) and not any(one.helps.startswith("more cells") for one in added)
-    doubled = any(helps.startswith("more cells") for _, helps in limits.tried)
+    doubled = all(("", f"more cells along {name}") in limits.tried for name in limits.problem.grid.names)
     return out + [TWICE if doubled else "more cells"] * of_cells
 
 

@@ -114,7 +114,7 @@ class Copy(GeneralProof):
         unsafe = self.problem.unsafe
         for one in unsafe if len({part.name for part in unsafe}) == len(unsafe) <= MOST_SETS else ():
             with suppress(ValueError):  # a problem needs something to stay clear of
-                problem = replace(self.problem, unsafe=[other for other in unsafe if other is not one])
+                problem = replace(self.problem, unsafe=tuple(other for other in unsafe if other is not one))
                 clear = np.full_like(self.clear, 255)
                 self.lesser[one.name] = replace(self.taking(*CELLS), problem=problem, clear=clear, lesser={})
         return self
