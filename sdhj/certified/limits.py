@@ -422,7 +422,7 @@ class Limits:
 
     def _of_cells(self) -> Iterator[Trial]:
         """Yield copies without one of the losses of cells, and with twice the cells along one axis."""
-        first, rest = self._seconds(self.axes)
+        rest = self._seconds(self.axes)[1]
         names = {"rounding": "creep" if self.problem.has_no_target else "rounding"}
         names |= {} if self.problem.has_no_target else {"target": "whole cells of the target"}
         for one, name in (names | {"clearance": "clearance of whole cells"}).items():

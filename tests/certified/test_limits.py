@@ -218,12 +218,12 @@ def test_where_there_are_no_copies(monkeypatch):
 
 
 def test_what_is_out_of_reach():
-    """A state 0.83 m before the target, which has 2 steps of 0.4 m: more steps, or stronger inputs, and no cells."""
+    """A state 1.23 m before the target, which has 2 steps of 0.4 m: more steps, or stronger inputs, and no cells."""
     calm = sdhj.Dynamics([[0.0], [SLOW]], [[0.0], [SLOW]])
     near = replace(line(), dynamics=calm, unsafe=[], steps=2)
-    says = solved(near, 100).explain([5.9])
+    says = solved(near, 100).explain([5.5])
     assert says.causes == ("few steps",) and says.helps == ("more steps",)
-    assert solved(replace(near, steps=8), 100).contains([[5.9]])[0]
+    assert solved(replace(near, steps=8), 100).contains([[5.5]])[0]
     far = solved(near, 100).explain([0.5])
     assert not far.causes and "nothing that was tried" in far.helps[0]
 
