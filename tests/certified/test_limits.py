@@ -293,3 +293,29 @@ def test_what_cannot_be_tried_is_left_out():
     with pytest.raises(ValueError, match="unsafe"):
         replace(problem, unsafe=[])
     assert "clearance of 'post'" not in tried
+
+
+@pytest.mark.parametrize("memory", [True, False])
+def test_what_may_be_measured_is_looked_up_by_boxes_too(monkeypatch, memory):
+    """Where there are many cells around a state: the same states as by every cell, at walls and over a seam as well."""
+
+    def turning(q, u):
+        return np.stack([np.cos(q[:, 1]), np.full(len(q), u[0])], axis=1)
+
+    turns = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-2, -np.pi], [2, np.pi], (41, 32), periodic=[False, True]),
+        dynamics=sdhj.Dynamics([[-1.5], [0.0], [1.5]], turning, [[1], [0]], [0.05]),
+        target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.9),
+        unsafe=[],
+        delta=0.2,
+        steps=6,
+        sensing=sdhj.Sensing((0.1, 0.15), memory=memory),
+    )
+    for problem in (turns, joint(0.05, 0.02, memory)):
+        table = solved(problem, 90, 70)
+        q = np.random.default_rng(2).uniform(problem.grid.lower, problem.grid.upper, (3000, 2))
+        by_boxes, by_cells = [], []
+        for most, found in ((0, by_boxes), (10**9, by_cells)):
+            monkeypatch.setattr("sdhj.certified.table.MANY", most)
+            found.append(table.contains(q))
+        assert (by_boxes[0] == by_cells[0]).all() and 0 < by_cells[0].mean() < 1
