@@ -87,8 +87,8 @@ def solve(
     play : bool
         Whether to simulate some runs at the end (not with a store), for `table.details["played"]` and a warning; for
         ever against a greedy adversary, also behind the filter. Of a certified table whether to warn where it has next
-        to nothing, and say why, for up to half the solve's time more. Whatever this meets (no start, an undefined
-        function, Ctrl-C, too little memory) becomes a warning.
+        to nothing, and say why, for about the solve's time more, or a second or two. Whatever this meets (no start, an
+        undefined function, Ctrl-C, too little memory) becomes a warning.
     operations : float
         What a solve may take at most, by the model of `estimate`, before it begins; by default some hours on two cores.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sdhj.certified.general_proof import FINEST
 from sdhj.certified.images import Images
-from sdhj.certified.limits import Gain
+from sdhj.certified.limits import Gain, Limits
 from sdhj.kernels import FloatArray
 from sdhj.kernels.packed import boxes_in_set, cells_at
 from sdhj.problem.checks import states_array
@@ -22,8 +22,10 @@ from sdhj.table.explaining import Explanation, Failure, tube_in_words, why_refut
 TRIED = 4096  # boxes that a tube is cut into, to see how near a set it comes
 LOOSE = 1.5  # bounds on a velocity that are wider by this factor than what it is at states and disturbances
 SCANTY, SCANTY_STATES, FEW_NODES = 0.1, 20_000, 20_000  # a share that is never scanty; states; nodes
+LIKELY = 0.01  # of the states that are lacking: if "hji" claims fewer of them, all of them are asked about
 UNTRIED = "more cells may help, which cannot be tried on a coarse copy of this problem"
 TWICE = "more than twice the cells, of which twice along an axis are not enough"
+BEYOND = "nothing that was tried one at a time, nor more cells: several changes at once, or much stronger inputs"
 COVER = ("rounding", "image")  # why an input fails whose tube is clear
 NEGLIGIBLE = 1e-9  # of the largest coordinate of an axis: rounding
 
@@ -91,30 +93,40 @@ def scanty_finding(table: Any) -> Finding | None:
         lost &= problem.target_value(drawn, t) > 0
     if not lost.any():
         return Finding(message, share, "")
-    at = np.array2string(drawn[np.argmax(2 * lost + (lost & inside))], precision=3, separator=", ")
-    return Finding(f"{message}. ", share, f"{_advice(table, drawn[lost])}. See table.explain({at})")
+    likely = (lost & inside).sum() >= max(LIKELY * lost.sum(), 1)
+    lost = lost & inside if likely else lost
+    at = np.array2string(drawn[np.argmax(lost)], precision=3, separator=", ")
+    advice = _advice(table, drawn[lost], ' and "hji" claims' * bool(likely))
+    return Finding(f"{message}. ", share, f"{advice}. See table.explain({at})")
 
 
-def _advice(table: Any, states: FloatArray) -> str:
-    """What limits states (M, ndim), M > 0, that a table lacks at step 0, and what may help, by its copies: a text."""
+def _advice(table: Any, states: FloatArray, besides: str = "") -> str:
+    """What limits states (M, ndim), M > 0, that a table lacks at step 0, and what may help, by its copies: a text.
+
+    besides : what else is true of these states, in words after "that it lacks".
+    """
     if (limits := _limits(table)) is None:
         return f"What may help: {UNTRIED}"
     causes, added = limits.gains(states, 0, table.steps)
     told = [f"{one.name} ({one.before:.2g} with it, {one.then:.2g} without)" for one in causes]
-    helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added] + _remedies(causes, added)
-    of = f"of the states {'' if table.problem.has_no_target else 'outside the target '}that it lacks"
+    helps = [f"{one.helps} ({one.then:.2g} for {one.before:.2g})" for one in added]
+    helps += _remedies(limits, causes, added)
+    of = f"of the states {'' if table.problem.has_no_target else 'outside the target '}that it lacks{besides}"
     by = f", by the shares that copies of {limits.cells} cells have {of}: {'; '.join(told) or 'nothing that was tried'}"
     return f"What limits it{by}. What may help: {'; '.join(helps)}"
 
 
-def _remedies(causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
-    """What helps against causes, as texts; more cells too, where for some cause nothing is known or there is none.
+def _remedies(limits: Limits, causes: Sequence[Gain], added: Sequence[Gain]) -> list[str]:
+    """What helps against causes, as texts; more cells too, where for some cause nothing is known.
 
-    causes, added : as `Limits.gains` returns them. More cells are not named again if they are among `added`.
+    causes, added : as `limits.gains` returns them. More cells are not named again if they are among `added`.
     """
+    if not causes and not added:
+        return [BEYOND]
     out = [one.helps for one in causes if one.helps]
-    of_cells = len(out) < len(causes) or not causes
-    return out + [TWICE] * (of_cells and not any(one.helps.startswith("more cells") for one in added))
+    of_cells = len(out) < len(causes) and not any(one.helps.startswith("more cells") for one in added)
+    doubled = all(("", f"more cells along {name}") in limits.tried for name in limits.problem.grid.names)
+    return out + [TWICE if doubled else "more cells"] * of_cells
 
 
 def _limits(table: Any) -> Any:
@@ -182,7 +194,7 @@ class _Cell:
         if (limits := _limits(self.table)) is None:
             return (), [UNTRIED]
         causes, added = limits.gains(self.state[None], self.step, self.within)
-        return tuple(one.name for one in causes), [*(one.helps for one in added), *_remedies(causes, added)]
+        return tuple(one.name for one in causes), [*(one.helps for one in added), *_remedies(limits, causes, added)]
 
     # ---- the two obligations
 

@@ -12,8 +12,9 @@ cause. A *copy* of the problem has coarser cells. Of these something is taken aw
 
 With all three taken away cells lose nearly nothing, and what a copy has then is about what the problem has. From such a
 copy is taken away what is of the problem itself: *push*, the adversary; *noise*, what `Sensing` says of errors, delays
-and jitter; *clearance* again, each unsafe set. And to the copy that lacks nothing is added what a user might try: twice
-the cells along an axis, an interval of twice the length, a controller that remembers.
+and jitter; *clearance* again, each unsafe set; and if nothing of all this is it, the number of steps and what inputs
+cannot do. And to the copy that lacks nothing is added what a user might try: twice the cells along an axis, an interval
+of twice the length or of half, a controller that remembers.
 
 No copy is a proof, and all images of copies are boxes. What counts is what it has more than the copy that it was made
 from.
@@ -21,7 +22,7 @@ from.
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple, cast
@@ -34,6 +35,7 @@ from sdhj.certified.choosing import cost, speeds_of
 from sdhj.certified.general_proof import GeneralProof, finest
 from sdhj.certified.images import BOXES_OF_A_SET
 from sdhj.certified.packing import Changes, Packing
+from sdhj.formulas.formula import Formula
 from sdhj.formulas.graph import is_constant
 from sdhj.kernels import FloatArray, read_only
 from sdhj.kernels.stencils import Moves
@@ -48,8 +50,15 @@ CELLS = frozenset({"rounding", "target", "clearance"})
 EVERY = "more cells along every axis"
 MOST_AXES = 3  # that are cut finer at once
 LONGEST, EVER = 60, 1000  # steps of a copy, and for ever
-SHARE, LEAST = 1 / 3, 2.0  # of the solve's time for all copies, by the model; and seconds that they always have
-COARSER, FEWEST, LITTLE = 1.25, 4, 0.98  # from one try of cells to the next; cells of an axis; what is no gain of time
+SHARE, LEAST = 0.8, 1.2  # of the solve's time for all copies, by the model; and seconds that they always have
+PLANNED = 1.2  # copies that are solved, about, for each axis and two more
+# seconds, however few cells there are: of a solve, of an input in one interval, and of an entry
+START, CALL, ENTRY = 3e-3, 8e-4, 3e-4  # of an input and an entry where all cells move alike
+MOST_ENTRIES = 200  # after about so many nothing changes any more
+ENOUGH = 0.5  # of what is missing without the losses of cells: a cause that gains so much is the last that is tried
+MORE_STEPS = "more steps"
+KINDS = ("cells", "problem", "reach", "finer", "all finer", "other")
+COARSER, COARSEST, FEWEST = 1.25, 4.0, 4  # from one try of cells to the next, and at most; cells of an axis
 MOST_SETS = 4  # unsafe sets that are taken away one at a time, if there are no more
 GAINED, BESIDE = 0.002, 0.25  # of states; and of what the best of its kind gains: less is not said
 FAR_BEHIND = 0.05  # likewise of what the problem without something gains, for what cells lose
@@ -78,6 +87,9 @@ class Copy(GeneralProof):
         In how many boxes each unsafe set is asked for, fewer than in a proof.
     unites : bool
         False: boxes are counted, whatever their number (`GeneralProof.unites`).
+    lesser : dict
+        By the name of an unsafe set, the proof of the problem without this set and without all of `CELLS`, which has
+        the images of this one and is prepared with it; empty unless `parted` has filled it.
     """
 
     without: frozenset[str] = frozenset()
@@ -85,8 +97,9 @@ class Copy(GeneralProof):
     ends: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 0, 2), np.float32))
     most_boxes: ClassVar[int] = BOXES_OF_A_SET // 64
     unites: ClassVar[bool] = False
-    _rounded: dict[tuple[int, int], Moves] = field(default_factory=dict)  # by start and phase
-    _turn: list[int] = field(default_factory=lambda: [0])  # how many sets have been made, where they are of no step
+    lesser: "dict[str, Copy]" = field(default_factory=dict)
+    _rounded: dict[tuple[int, int], tuple[Moves, Packing]] = field(default_factory=dict)  # by start and phase
+    _turn: list[int] = field(default_factory=lambda: [0, 0])  # how many sets have been made, and the phase
 
     def taking(self, *what: str) -> "Copy":
         """This proof, which has been prepared, without the losses `what`, some of `CELLS`; nothing else is taken away.
@@ -94,7 +107,17 @@ class Copy(GeneralProof):
         A new proof, which shares its arrays with this one.
         """
         clear = self.of_centres if "clearance" in what else self.clear
-        return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0])
+        return replace(self, without=frozenset(what), clear=clear, _rounded={}, _turn=[0, 0])
+
+    def parted(self) -> "Copy":
+        """This proof, which is not prepared, with `lesser` filled, in place; empty for more than `MOST_SETS` sets."""
+        unsafe = self.problem.unsafe
+        for one in unsafe if len({part.name for part in unsafe}) == len(unsafe) <= MOST_SETS else ():
+            with suppress(ValueError):  # a problem needs something to stay clear of
+                problem = replace(self.problem, unsafe=tuple(other for other in unsafe if other is not one))
+                clear = np.full_like(self.clear, 255)
+                self.lesser[one.name] = replace(self.taking(*CELLS), problem=problem, clear=clear, lesser={})
+        return self
 
     @property
     def phases(self) -> int:
@@ -111,8 +134,11 @@ class Copy(GeneralProof):
         """
         if not self.low.flags.writeable:
             return Packing(self)
-        mark = partial(self._mark_collisions, self._lattices(False))
-        mark_centres = partial(self.taking("clearance")._mark_collisions, self._lattices(False, True))
+        mark, of_centres = partial(self._mark_collisions, self._lattices(False)), self._lattices(False, True)
+        mark_centres = [partial(self.taking("clearance")._mark_collisions, of_centres)]
+        for name, without in self.lesser.items():
+            kept = [own for own, part in zip(of_centres, self._sets_tested_by_cell, strict=True) if part.name != name]
+            mark_centres.append(partial(without._mark_collisions, kept))
         arrivals = Arrivals(self)
 
         def use(start: int, j: int, some: FloatArray, tubes: FloatArray, last: FloatArray) -> None:
@@ -122,7 +148,9 @@ class Copy(GeneralProof):
             move in each part and up to the interval's end (`Images.swept`).
             """
             mark(start, j, some, tubes)
-            mark_centres(start, j, some, self.centred(some, tubes), tubes)
+            centred = self.centred(some, tubes)
+            for of_some in mark_centres:
+                of_some(start, j, some, centred, tubes)
             self.ends[start, j, some] = last
             arrivals.add(start, j, some, last)
 
@@ -146,14 +174,15 @@ class Copy(GeneralProof):
     def moves(self, step: int) -> Moves:
         """As `Images.moves`, the images of the interval from a step; without rounding, those of a phase of `PHASES`.
 
-        The phase is that with number `step` or, where nothing depends on time, that with the number of sets made so
-        far, both modulo the length of `PHASES`. Computed once for each phase and interval.
+        The phase is that of the set that `add` is at. Computed once for each phase and interval.
         """
-        if "rounding" not in self.without:
-            return super().moves(step)
-        start, turn = min(step, len(self.low) - 1), (self._turn[0] if self.time_invariant else step) % len(PHASES)
+        return self._of_centres(step)[0] if "rounding" in self.without else super().moves(step)
+
+    def _of_centres(self, step: int) -> tuple[Moves, Packing]:
+        """The images of the interval from a step without rounding, in the phase that `moves` says, and a packing."""
+        start, turn = min(step, len(self.low) - 1), self._turn[1]
         if (start, turn) not in self._rounded:
-            self._rounded[start, turn] = self._moves_of_centres(start, PHASES[turn])
+            self._rounded[start, turn] = self._moves_of_centres(start, PHASES[turn]), Packing(self)
         return self._rounded[start, turn]
 
     def _moves_of_centres(self, start: int, phase: float) -> Moves:
@@ -174,11 +203,12 @@ class Copy(GeneralProof):
         """As `sdhj.certified.general_proof.GeneralProof.add`, turn `cells`, S_k^{n-1}, into S_k^n, in place.
 
         k is `step`, and `following` S_{k+1}^{n-1}. Without rounding `prepared` and `changed` are not used, and all
-        cells are asked about: their images are others than in the step before. Each call is counted, as `moves` goes by
-        how many sets have been made.
+        cells are asked about: their images are others than in the step before. Their phase is that with number `step`
+        or, where nothing depends on time, with the number of calls so far, both modulo the length of `PHASES`.
         """
         if self.phases > 1:  # its moves are those of a turn
-            prepared, changed = Packing(self), None
+            self._turn[1] = (self._turn[0] if self.time_invariant else step) % len(PHASES)
+            prepared, changed = self._of_centres(step)[1], None
         super().add(prepared, cells, following, step, changed)
         self._turn[0] += 1
 
@@ -197,24 +227,28 @@ class Copy(GeneralProof):
         return np.where(inside.reshape(found.shape), -1, found)
 
 
-class Tried(NamedTuple):
-    """A copy that was solved, and the copy that it was made from by taking something away or adding something.
+class Trial(NamedTuple):
+    """A copy that may be solved, made from another one by taking something away or adding something.
 
-    cause : what was taken away, in words for the user; "" if something was added.
-    helps : what was added or, if something was taken away, what helps against it; "" if that is not known.
-    table : the copy's table. before : the table of the copy that it was made from.
+    kind : "cells", what cells lose; "problem", what is taken away from the problem; "reach", what may bring in states
+        that nothing else does; "finer" and "all finer", cells that are added; "other", what else is.
+    cause : what is taken away, in words for the user; "" if something is added.
+    helps : what is added or, if something is taken away, what helps against it; "" if that is not known.
+    proof : makes the copy's proof; it raises ValueError or MemoryError where there is none.
+    seconds : what that takes and its solve, by the model.
     """
 
+    kind: str
     cause: str
     helps: str
-    table: Any
-    before: Any
+    proof: Callable[[], Copy]
+    seconds: float
 
 
 class Gain(NamedTuple):
     """How many states are won by what was taken away, or added.
 
-    name, helps : `cause` and `helps` of the copy (`Tried`).
+    name, helps : `cause` and `helps` of the copy (`Trial`).
     before, then : the shares of the states, from 0 to 1, in the tubes of the copy before the change and after it.
     """
 
@@ -223,19 +257,35 @@ class Gain(NamedTuple):
     before: float
     then: float
 
+    @property
+    def more(self) -> float:
+        """By how much the share grows."""
+        return self.then - self.before
+
 
 class Limits:
     """The coarse copies of a table's problem, and which of the changes to it gain states.
 
-    All copies are solved when it is made, which takes seconds; `gains` then answers for any states.
+    A copy is solved once it is asked about and may matter, and kept. All of them together take about as long as the
+    table's solve, by the model of `sdhj.certified.choosing`, or `LEAST`.
+
+    Attributes
+    ----------
+    problem : ReachAvoidProblem
+        Of the copies: the table's, with no more steps than a copy takes.
+    axes : tuple of CellAxis
+        The cells of each axis.
+    plain, free : CertifiedTable
+        Of the copy that lacks nothing, and of the one without all that cells lose.
+    left : float
+        The seconds that may still be taken, by the model.
     """
 
     def __init__(self, table: Any, sets: Callable[..., Any]) -> None:
-        """Solve all copies of a table's problem, with so few cells that it takes a share `SHARE` of the table's solve.
+        """Solve the two copies `plain` and `free` of a table's problem.
 
-        Or `LEAST` seconds where that is more, both by the model of `sdhj.certified.choosing`. At most `LONGEST` steps
-        are solved of a problem that does not depend on time, and `EVER` for ever. Warnings and findings of the solves
-        are dropped.
+        At most `LONGEST` steps are solved of a problem that does not depend on time, and `EVER` for ever. Warnings and
+        findings of the solves are dropped.
 
         table : the `CertifiedTable`. sets : the class `CellSets`, which solves.
 
@@ -246,134 +296,229 @@ class Limits:
             than the `GeneralProof` of its copies.
         """
         problem, self.sets, self.parts = table.problem, sets, table.proof.parts
-        self.ever = bool(table.details.get("endless") and problem.has_no_target)
+        self.settled = bool(table.details.get("endless"))
+        self.ever = self.settled and problem.has_no_target
         steps = EVER if self.ever else min(problem.steps, LONGEST) if problem.time_invariant else problem.steps
         self.problem = replace(problem, recipe={}, steps=steps)
-        with warnings.catch_warnings(), findings():
-            warnings.simplefilter("ignore")
-            self.axes = self._few(table)
-            self.tried = tuple(self._copies())
+        self._tables: dict[tuple[str, str], Any] = {}  # by the cause and what helps; None where there is none
+        with _quiet():
+            self.axes, self.left = self._few(table)
+            self._base = self._proof(self.problem, self.axes, parted=True)
+            self.plain, self.free = self._solved(self._base), self._solved(self._base.taking(*CELLS))
+        first, rest = self._seconds(self.axes)
+        self.left = max(self.left - first - 2 * rest, self.left / 2)  # what these two took may be more
 
     @property
     def cells(self) -> str:
         """The numbers of cells that the copies have along each axis, as a text such as "20 x 30"."""
         return " x ".join(str(axis.count) for axis in self.axes)
 
+    @property
+    def tried(self) -> list[tuple[str, str]]:
+        """(cause, helps) of all copies that have been solved besides the first two."""
+        return [key for key, table in self._tables.items() if table is not None]
+
     def gains(self, states: FloatArray, step: int, within: int) -> tuple[list[Gain], list[Gain]]:
         """What limits the table at some states, and what would gain some if added: (causes, added), lists of `Gain`.
 
         In both the one that gains most is first; those that gain little (`_most`) are left out, so a list may be empty.
+        What may gain most is tried first. What cells lose is not, nor more cells, where `free` shows that it is little,
+        and no more is taken away from the problem once one thing gains `ENOUGH` of what `free` lacks.
 
         states (M, ndim) : M > 0. step : of the problem. within : the steps to go.
         """
-        every = [
-            Gain(one.cause, one.helps, *(self._share(own, states, step, within) for own in (one.before, one.table)))
-            for one in self.tried
-        ]
-        added = _most([own for own in every if not own.name])
-        if any(own.helps.startswith("more cells") and own.helps != EVERY for own in added):
-            added = [own for own in added if own.helps != EVERY]
-        cells = [own for own, one in zip(every, self.tried, strict=True) if own.name and one.before is self.plain]
-        others = [own for own, one in zip(every, self.tried, strict=True) if one.before is not self.plain]
-        together = cells.pop()  # all that cells lose, of which one thing alone says more
-        most = max((own.then - own.before for own in others), default=0.0)
-        causes = _most(cells, FAR_BEHIND * most) or _most([together], FAR_BEHIND * most)
-        causes += _most(others, BESIDE * max(own.then - own.before for own in (*cells, together)))
-        return sorted(causes, key=lambda own: own.before - own.then), added
+        share = partial(self._share, states, step, within)
+        kept, free = share(self.plain), share(self.free)
+        lost, beyond = free - kept, 1.0 - free  # the most that cells can gain, and that all else can
+        found: dict[str, list[Gain]] = {kind: [] for kind in KINDS}
 
-    def _share(self, table: Any, states: FloatArray, step: int, within: int) -> float:
+        def matters(kind: str) -> bool:
+            """Whether a trial of this kind may still be told of."""
+            most = max((own.more for own in found["problem"]), default=0.0)
+            if kind == "problem":
+                return beyond >= max(GAINED, BESIDE * lost) and most < ENOUGH * beyond
+            if kind == "reach":
+                return all(own.more < max(GAINED, FAR_BEHIND * beyond) for some in found.values() for own in some)
+            some = kind == "all finer" and _most(found["finer"], FAR_BEHIND * lost)
+            return kind == "other" or (lost >= max(GAINED, FAR_BEHIND * most) and not some)
+
+        for trial in self._trials(lost >= beyond):
+            if matters(trial.kind) and (table := self._table(trial)) is not None:
+                more = 0 if trial.helps != MORE_STEPS else self.problem.steps
+                then = self._share(states, step, within + more, table) if more else share(table)
+                before = free if trial.kind in ("problem", "reach") else kept
+                found[trial.kind].append(Gain(trial.cause, trial.helps, before, then))
+        together, others = Gain("wide cells", "", kept, free), found["problem"] + found["reach"]
+        most = max((own.more for own in others), default=0.0)
+        causes = _most(found["cells"], FAR_BEHIND * most) or _most([together], FAR_BEHIND * most)
+        causes += _most(others, BESIDE * max(own.more for own in (*found["cells"], together)))
+        every = max([own.more for own in causes], default=0.0)
+        added = _most(found["finer"] + found["all finer"] + found["other"], FAR_BEHIND * every)
+        return sorted(causes, key=lambda own: -own.more), added
+
+    def reached(self, states: FloatArray, step: int, within: int) -> float:
+        """The share of states (M, ndim) that the copy without all that cells lose has, from 0 to 1."""
+        return self._share(states, step, within, self.free)
+
+    def _share(self, states: FloatArray, step: int, within: int, table: Any) -> float:
         """The share of states (M, ndim) that the tube (step, within) of a copy's table contains, from 0 to 1.
 
-        step, within : of the problem; a copy may have fewer and longer steps; as many whole ones count as there are.
+        step, within : of the problem; a copy may have other intervals; as many whole ones count as there are.
         """
-        longer = round(table.problem.delta / self.problem.delta)
-        step = 0 if table.problem.time_invariant else min(step // longer, table.steps)
-        within = table.steps if self.ever else min(within // longer, table.steps - step)
+        longer = table.problem.delta / self.problem.delta
+        step = 0 if table.problem.time_invariant else min(int(step / longer), table.steps)
+        within = table.steps if self.ever else min(int(within / longer), table.steps - step)
         return float(1 - table.outside(states, step, within).mean())
 
     # ---- the copies
 
-    def _few(self, table: Any) -> tuple[CellAxis, ...]:
-        """The cells of each axis of the copies: the table's, or fewer, so that all copies take as long as they may.
+    def _few(self, table: Any) -> tuple[tuple[CellAxis, ...], float]:
+        """The cells of each axis of the copies, and the seconds that all may take.
 
-        At least `FEWEST` along an axis, and no fewer once that saves no more time (`Limits`).
+        The table's cells, or fewer, so that about as many copies as are solved take no longer; those that take least
+        where none are few enough, as what unsafe sets and calls cost does not shrink with the cells. At most `COARSEST`
+        times as wide as the table's, and at least `FEWEST` along an axis.
         """
-        problem, speeds, few, ndim = self.problem, speeds_of(self.problem), table.axes, len(table.axes)
-        problems, cells = 2 + sum(1 for _ in self._lesser()), 2 * ndim + 2**ndim * (ndim <= MOST_AXES)
-        settles = replace(problem, steps=min(problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
-        model = partial(cost, settles, parts=self.parts, speeds=speeds)
-        own = sum(model(few)) if isinstance(table.proof, GeneralProof) else 0.0  # that of the arm takes far less
-        (first, rest), before, factor = model(few, boxes=Copy.most_boxes), np.inf, 1.0
-        # what unsafe sets cost does not shrink with the cells
-        while (problems + cells) * (first + rest) + 3 * problems * rest > max(SHARE * own, LEAST) and first < before:
-            factor, before = factor * COARSER, LITTLE * first
-            few = aligned(problem, [max(round(axis.count / factor), FEWEST) for axis in table.axes])
-            first, rest = model(few, boxes=Copy.most_boxes)
-        return few
+        few, speeds, many = table.axes, speeds_of(self.problem), PLANNED * (len(table.axes) + 2)
+        settles = replace(self.problem, steps=min(self.problem.steps or ENDLESS_STEPS, ENDLESS_STEPS))
+        self._model = partial(cost, settles, parts=self.parts, speeds=speeds, boxes=Copy.most_boxes)
+        own = table.proof.seconds if not isinstance(table.proof, GeneralProof) else sum(self._seconds(few, False))
+        most, tried, factor = max(SHARE * own, LEAST), list[tuple[float, Any]](), 1.0
+        while factor <= COARSEST:
+            tried.append((many * sum(self._seconds(few)), few))
+            if tried[-1][0] <= most:
+                return few, most
+            factor *= COARSER
+            wished = [max(round(axis.count / factor), FEWEST) for axis in table.axes]
+            few = aligned(self.problem, wished)
+        return min(tried, key=lambda one: one[0])[1], most
 
-    def _copies(self) -> Iterator[Tried]:
-        """Solve the copies and yield each but the first, which is kept as `plain`, with the one that it was made from.
+    def _seconds(self, axes: tuple[CellAxis, ...], copied: bool = True) -> tuple[float, float]:
+        """The seconds that the proof and the recursion of cells `axes` take by the model, with those of each call.
 
-        First those without something of what cells lose, the last of them without all of it; of this one those without
-        something of the problem; and at last those of `plain` with something added. Of the last two kinds those are
-        left out whose problem or proof is refused.
+        copied : of a copy; False: of the table itself.
         """
-        proof, ever = self._proof(self.problem, self.axes), self.problem.has_no_target
-        self.plain = plain = self._solved(proof)
-        yield Tried("creep" if ever else "rounding", "", self._solved(proof.taking("rounding")), plain)
-        if not ever:
-            yield Tried("whole cells of the target", "", self._solved(proof.taking("target")), plain)
-        yield Tried("clearance of whole cells", "", self._solved(proof.taking("clearance")), plain)
-        free = self._solved(proof.taking(*CELLS))
-        yield Tried("wide cells", "", free, plain)
-        for cause, helps, change in self._lesser():
-            with suppress(ValueError, MemoryError):  # a problem that there is not, or of which nothing can be proved
-                proof = self._proof(replace(self.problem, **change), self.axes)
-                yield Tried(cause, helps, self._solved(proof.taking(*CELLS)), free)
-        for helps, change, axes in self._further():
-            with suppress(ValueError, MemoryError):
-                yield Tried("", helps, self._solved(self._proof(replace(self.problem, **change), axes)), plain)
+        problem, entries = self.problem, self.problem.steps or ENDLESS_STEPS
+        first, rest = self._model(axes) if copied else self._model(axes, boxes=BOXES_OF_A_SET)
+        times = 1 if problem.time_invariant else problem.steps
+        calls = len(problem.inputs) * times * (1 + len(problem.unsafe))
+        entries = min(entries, MOST_ENTRIES) if problem.time_invariant else entries * (entries + 1) // 2
+        entries *= len(problem.inputs) if problem.dynamics.constant else 1
+        return first + CALL * calls, rest + START + ENTRY * entries
 
-    def _lesser(self) -> Iterator[tuple[str, str, dict[str, Any]]]:
-        """Yield what may be taken away from the problem, one thing at a time: (its name, what helps, fields).
+    def _trials(self, cells_first: bool) -> Iterator[Trial]:
+        """Yield what may be tried, in the order of worth: what cells lose and more cells first, or the problem."""
+        if cells_first:
+            yield from self._of_cells()
+        yield from self._of_problem()
+        if not cells_first:
+            yield from self._of_cells()
+        yield from self._of_intervals()
+        yield from self._of_reach()
+        problem, axes = self.problem, self.axes
+        if 1 < len(axes) <= MOST_AXES:
+            every = tuple(self._finer(k) for k in range(len(axes)))
+            yield Trial("all finer", "", EVERY, partial(self._proof, problem, every), sum(self._seconds(every)))
+
+    def _of_cells(self) -> Iterator[Trial]:
+        """Yield copies without one of the losses of cells, and with twice the cells along one axis."""
+        rest = self._seconds(self.axes)[1]
+        names = {"rounding": "creep" if self.problem.has_no_target else "rounding"}
+        names |= {} if self.problem.has_no_target else {"target": "whole cells of the target"}
+        for one, name in (names | {"clearance": "clearance of whole cells"}).items():
+            yield Trial("cells", name, "", lambda one=one: self._base.taking(one), rest)  # type: ignore[misc]
+        for k, name in enumerate(self.problem.grid.names):
+            axes = (*self.axes[:k], self._finer(k), *self.axes[k + 1 :])
+            proof = partial(self._proof, self.problem, axes)
+            yield Trial("finer", "", f"more cells along {name}", proof, sum(self._seconds(axes)))
+
+    def _of_problem(self) -> Iterator[Trial]:
+        """Yield copies of which something is taken away from the problem, and nothing is lost to cells.
 
         The push, the errors of a `Sensing`, and each unsafe set where there are at most `MOST_SETS`; what the problem
-        does not have is left out. fields : the keywords by which `dataclasses.replace` makes the problem without it.
+        does not have is left out.
         """
-        problem = self.problem
+        problem, (first, rest), freed = self.problem, self._seconds(self.axes), self._freed
         if not all(is_constant(one, 0.0) for one in problem.dynamics.bounds.outputs):
-            yield "push", "a smaller disturbance or stronger inputs", {"dynamics": problem.dynamics.undisturbed()}
+            helps, calm = "a smaller disturbance or stronger inputs", freed(dynamics=problem.dynamics.undisturbed)
+            yield Trial("problem", "push", helps, calm, first + rest)
         if problem.sensing:
-            yield "noise", "a smaller error, delay or jitter", {"sensing": Sensing()}
-        for one in problem.unsafe if len(problem.unsafe) <= MOST_SETS else ():
-            rest = [other for other in problem.unsafe if other is not one]
-            yield f"clearance of {one.name!r}", f"more room beside {one.name!r}", {"unsafe": rest}
+            yield Trial("problem", "noise", "a smaller error, delay or jitter", freed(sensing=Sensing), first + rest)
+        names = [one.name for one in problem.unsafe] if len(problem.unsafe) <= MOST_SETS else []
+        for name in names:
+            cause, helps = f"clearance of {name!r}", f"more room beside {name!r}"
+            yield Trial("problem", cause, helps, lambda name=name: self._without(name), rest)  # type: ignore[misc]
 
-    def _further(self) -> Iterator[tuple[str, dict[str, Any], tuple[CellAxis, ...]]]:
-        """Yield what may be added: (what it is, in words, the problem's changed fields, the cells of each axis)."""
-        problem, axes, every = self.problem, self.axes, list[CellAxis]()
-        for k, name in enumerate(problem.grid.names):
-            finer = axis_of(problem.grid, k, axes[k].width / 2, axes[k].layers)
-            every.append(finer)
-            yield f"more cells along {name}", {}, (*axes[:k], finer, *axes[k + 1 :])
-        if 1 < len(axes) <= MOST_AXES:
-            yield EVERY, {}, tuple(every)
-        yield "a longer interval", {"delta": 2 * problem.delta, "steps": max(cast(int, problem.steps) // 2, 1)}, axes
+    def _of_reach(self) -> Iterator[Trial]:
+        """Yield copies of twice the steps, and of twice as strong inputs, of which nothing is lost to cells."""
+        problem, (first, rest) = self.problem, self._seconds(self.axes)
+        if problem.time_invariant and not problem.has_no_target and not self.settled and problem.steps < LONGEST:
+            longer = partial(replace, problem, steps=2 * problem.steps)
+            proof = lambda: replace(self._base.taking(*CELLS), problem=longer())  # noqa: E731
+            yield Trial("reach", "few steps", MORE_STEPS, proof, 2 * rest)
+        if isinstance(problem.dynamics.drift, Formula) and problem.dynamics.gain is not None:
+            strong = self._freed(dynamics=problem.dynamics.stronger)
+            yield Trial("reach", "weak inputs", "stronger inputs", strong, first + rest)
+
+    def _freed(self, **change: Callable[[], Any]) -> Callable[[], Copy]:
+        """What makes the proof of the problem without the losses of cells, with fields made by what is given."""
+
+        def made() -> Copy:
+            """The prepared proof of the problem with these fields."""
+            fields = {name: field() for name, field in change.items()}
+            return self._proof(replace(self.problem, **fields), self.axes).taking(*CELLS)
+
+        return made
+
+    def _of_intervals(self) -> Iterator[Trial]:
+        """Yield copies with a controller that remembers, and with an interval of twice the length and of half."""
+        problem, (first, rest) = self.problem, self._seconds(self.axes)
         if problem.sensing and not problem.sensing.remembers:
-            remembers = replace(problem.sensing, memory=True)
-            yield "Sensing(..., memory=True) and Controller.step", {"sensing": remembers}, axes
+            memory = replace(problem.sensing, memory=True)
+            yield self._other("Sensing(..., memory=True) and Controller.step", first + rest, sensing=memory)
+        steps = cast(int, problem.steps)
+        yield self._other("a longer interval", first + rest, delta=2 * problem.delta, steps=max(steps // 2, 1))
+        entries = 2 if problem.time_invariant else 4
+        yield self._other("a shorter interval", first + entries * rest, delta=problem.delta / 2, steps=2 * steps)
 
-    def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis]) -> Copy:
+    def _other(self, helps: str, seconds: float, **change: Any) -> Trial:
+        """The trial of the problem with fields changed, which cells lose as much of as before."""
+        return Trial("other", "", helps, lambda: self._proof(replace(self.problem, **change), self.axes), seconds)
+
+    def _without(self, name: str) -> Copy:
+        """The proof of the problem without an unsafe set, by its name; ValueError where there is none."""
+        if name not in self._base.lesser:
+            raise ValueError(f"nothing is left to stay clear of without {name!r}")
+        return self._base.lesser[name]
+
+    def _finer(self, k: int) -> CellAxis:
+        """The cells of axis k, half as wide."""
+        return axis_of(self.problem.grid, k, self.axes[k].width / 2, self.axes[k].layers)
+
+    def _table(self, trial: Trial) -> Any:
+        """The table of a trial's copy, solved at first use; None where its problem or its proof is refused.
+
+        None as well where no time is `left` for it.
+        """
+        key = trial.cause, trial.helps
+        if key not in self._tables and trial.seconds <= self.left:
+            self.left, self._tables[key] = self.left - trial.seconds, None
+            with _quiet(), suppress(ValueError, MemoryError):
+                self._tables[key] = self._solved(trial.proof())
+        return self._tables.get(key)
+
+    def _proof(self, problem: ReachAvoidProblem, axes: Sequence[CellAxis], parted: bool = False) -> Copy:
         """The `Copy` of a problem, prepared, with cells as wide as those of `axes`.
 
-        Layers are those that the problem has, whatever those of `axes`. ValueError and MemoryError as for `Limits`.
+        Layers are those that the problem has, whatever those of `axes`. parted : whether `Copy.lesser` is filled.
+        ValueError and MemoryError as for `Limits`.
         """
         grid = problem.grid
         own = tuple(axis_of(grid, k, axis.width, layers_of(problem, k)) for k, axis in enumerate(axes))
         proof: Any = Copy.of(problem, own, self.parts)
         ends = np.zeros((*proof.low.shape, 2), np.float32)
         copy: Copy = replace(proof, of_centres=proof.clear.copy(), ends=ends)
-        copy.prepare(False)
+        (copy.parted() if parted else copy).prepare(False)
         return copy
 
     def _solved(self, proof: Copy) -> Any:
@@ -383,10 +528,18 @@ class Limits:
         return sets.finish({})
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A context in which warnings and findings are dropped."""
+    with warnings.catch_warnings(), findings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def _most(gains: Sequence[Gain], least: float = 0.0) -> list[Gain]:
     """The gains of at least `least`, of `GAINED`, and of the share `BESIDE` of the largest, the largest first.
 
     gains : in any order, possibly none.
     """
-    least = max([least, GAINED, *(BESIDE * (own.then - own.before) for own in gains)])
-    return sorted((own for own in gains if own.then - own.before >= least), key=lambda own: own.before - own.then)
+    least = max([least, GAINED, *(BESIDE * own.more for own in gains)])
+    return sorted((own for own in gains if own.more >= least), key=lambda own: -own.more)

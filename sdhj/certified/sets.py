@@ -147,7 +147,6 @@ from sdhj.solver.recursion import recursion
 ARM_CELLS = (419, 419, 72, 72)
 RUNTIME = 300_000_000  # bytes that Python, NumPy and the compiled kernels of all this take
 OPERATIONS = 3e8  # of `sdhj.problem.cost` that take as long as a second of the model of cells, on one core
-ARM = 7e-11  # seconds for a cell, an input and an entry, of the arm: for each half of a solve
 COARSER, QUICK = 1 / 8, 50_000  # of the cells, for an estimate; and how many are always timed
 
 
@@ -295,7 +294,7 @@ def cost_in_cells(proof: ArmProof | GeneralProof) -> Cost:
     if isinstance(proof, GeneralProof):
         first, rest = cost(problem, axes, proof.parts, speeds)
     else:
-        first = rest = ARM * count * len(problem.inputs) * tubes
+        first = rest = proof.seconds / 2
     widths = np.array([float(axis.width) for axis in axes])
     crossed = float((problem.delta * np.abs(speeds.extremes).max(axis=0) / widths).sum())
     why = f"{multiplied(problem, tubes, count, 'cells')}, an interval in {proof.parts} parts"

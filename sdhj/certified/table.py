@@ -32,6 +32,7 @@ from sdhj.table.files import PACKING, TableFileError, read_array, written_table
 
 SLAB = 2**16  # blocks that are unpacked at a time
 STATES_DRAWN = 1 << 18  # states, to estimate a share
+MANY, AT_ONCE = 64, 1 << 22  # points around a state that are all looked up; and around all states at a time
 PROOFS: dict[str, Any] = {"arm": ArmProof, "enclosed": GeneralProof}
 
 
@@ -136,10 +137,34 @@ class CertifiedTable(Table):
         place = self.tube_index(start, within)
         out = self._fewest(points, place, place, self.proof.rounding) == 0  # the shell is a run's reserve
         if self.problem.sensing:
-            around = self.points_of_error_box(np.atleast_2d(points)[out])
-            kept = ~self.outside(around.reshape(-1, len(self.axes)), start, within)
-            out[out] = kept.reshape(around.shape[:2]).all(axis=1)
+            out[out] = self._inside_around(np.atleast_2d(points)[out], start, within)
         return out
+
+    def _inside_around(self, states: FloatArray, start: int, within: int) -> FloatArray:
+        """Whether all that may be measured of states (M, ndim) is in the tube (start, within): (M,) bool.
+
+        By `points_of_error_box`, a few states at a time. Where each has more than `MANY` of them, states are left out
+        of which one of the corners is outside, or a box of cells has all.
+        """
+        off, ndim = self.proof.prediction_error, len(self.axes)
+        many = math.prod(math.ceil(2 * e / float(own.width)) + 2 for e, own in zip(off, self.axes, strict=True))
+        found, asked = np.ones(len(states), np.bool_), np.arange(len(states))
+        if many > MANY:
+            corners = [
+                self.grid.clipped(states + side * off, "holds", "fails")
+                for side in np.indices([2] * ndim).reshape(ndim, -1).T * 2 - 1
+            ]
+            for corner in corners:
+                found &= ~self.outside(corner, start, within)
+            # boxes count as certified even if they exceed cells by this
+            spare = self.proof.shell + 2 * DRIFT * np.array([axis.scale for axis in self.axes])
+            sure = self.certified_boxes(corners[0] - spare, corners[-1] + spare, start=start, within=within)[0]
+            asked = np.flatnonzero(found & ~sure)
+        for some in np.array_split(asked, math.ceil(len(asked) * many / AT_ONCE) or 1):
+            around = self.points_of_error_box(states[some])
+            kept = ~self.outside(around.reshape(-1, ndim), start, within)
+            found[some] = kept.reshape(around.shape[:2]).all(axis=1)
+        return found
 
     def outside(self, points: FloatArray, start: int, within: int) -> FloatArray:
         """Whether points (M, ndim), measured or predicted, are in no cell of the tube (start, within): (M,) bool.

@@ -65,6 +65,11 @@ def plane(push=0.2, gap=0.6):
     )
 
 
+def bar():
+    """A bar below, where the plane has its wall."""
+    return [sdhj.UnsafeSet((1,), lambda p, t: p[:, 0] + 1.5, name="bar")]
+
+
 def joint(delta, error=0.0, memory=False):
     """A joint before its stops, to be kept from them for ever; rad, rad/s."""
 
@@ -82,6 +87,11 @@ def joint(delta, error=0.0, memory=False):
     )
 
 
+def trial(copies, cause):
+    """The copy without one cause, not yet solved."""
+    return next(one for one in copies._trials(True) if one.cause == cause)
+
+
 # ---- what is taken away, by plain loops and in closed form
 
 
@@ -91,7 +101,7 @@ def test_images_that_are_not_rounded_out():
     copies = table.limits
     width, count = float(copies.axes[0].width), copies.axes[0].count
     assert count == 17 and abs(PUSH / width % 1.0) > 1e-3
-    rounding = next(one.table for one in copies.tried if one.cause == "rounding")
+    rounding = copies._table(trial(copies, "rounding"))
     held = rounding.bits(start=0, within=0)
     assert (held == copies.plain.bits(start=0, within=0)).all() and held.any()
     proof = rounding.proof
@@ -113,9 +123,9 @@ def test_tubes_and_goals_of_centres():
     copies = solved(line(), 17).limits
     edges = copies.axes[0].edges()
     centres, fine = (edges[1:] + edges[:-1]) / 2, float(copies.axes[0].width) / 16
-    target = next(one.table for one in copies.tried if one.cause == "whole cells of the target")
+    target = copies._table(trial(copies, "whole cells of the target"))
     assert (target.bits(start=0, within=0) == (np.abs(centres - 8.03) <= 1.3)).all()
-    proof = next(one.table for one in copies.tried if one.cause == "clearance of whole cells").proof
+    proof = copies._table(trial(copies, "clearance of whole cells")).proof
     for j, (low, high) in enumerate(((-PUSH, PUSH), (0.0, SLOW + PUSH))):  # wherever it may come to on the way
         clear = proof.clear[0, :, 0] >> j & 1 == 1
         inside = (centres + high > 2.6 + fine) & (centres + low < 3.4 - fine)
@@ -127,7 +137,7 @@ def test_tubes_and_goals_of_centres():
 def test_without_anything_a_copy_has_what_there_is():
     """In closed form: as many steps before the target as the push leaves of them; to a cell."""
     copies = solved(line(), 17).limits
-    free = next(one.table for one in copies.tried if one.cause == "wide cells")
+    free = copies.free
     lower, width = 8.03 - 1.3 - 12 * (SLOW - PUSH), float(copies.axes[0].width)  # 4.77
     places = np.linspace(lower, 8.03, 400)[:, None]
     assert free.contains(places[places[:, 0] > lower + width]).all() and copies.plain.contains(places).mean() < 0.75
@@ -207,6 +217,50 @@ def test_where_there_are_no_copies(monkeypatch):
     assert not says.causes and "cannot be tried" in says.helps[0]
 
 
+def test_what_is_out_of_reach():
+    """A state 1.23 m before the target, which has 2 steps of 0.4 m: more steps, or stronger inputs, and no cells."""
+    calm = sdhj.Dynamics([[0.0], [SLOW]], [[0.0], [SLOW]])
+    near = replace(line(), dynamics=calm, unsafe=[], steps=2)
+    says = solved(near, 100).explain([5.5])
+    assert says.causes == ("few steps",) and says.helps == ("more steps",)
+    assert solved(replace(near, steps=8), 100).contains([[5.5]])[0]
+    far = solved(near, 100).explain([0.5])
+    assert not far.causes and "nothing that was tried" in far.helps[0]
+
+
+def test_inputs_that_are_twice_as_strong():
+    """About their mean: as plain numbers have it, of constants and of a function of the state."""
+    for problem in (line(), car()):
+        q = np.random.default_rng(0).uniform(problem.grid.lower, problem.grid.upper, (50, problem.grid.ndim))
+        strong = problem.dynamics.stronger()
+        drifts = np.stack([problem.dynamics.drift_at(q, j) for j in range(len(problem.inputs))])
+        for j, drift in enumerate(drifts):
+            assert np.allclose(strong.drift_at(q, j), 2 * drift - drifts.mean(axis=0), atol=1e-12)
+
+
+def test_without_one_set_as_if_it_had_never_been():
+    """The sets of a proof that was prepared with others are those of the problem without the set."""
+    two = replace(plane(), unsafe=[*plane().unsafe, *bar()])
+    copies = solved(two, 40, 40).limits
+    for one in two.unsafe:
+        rest = replace(two, unsafe=[other for other in two.unsafe if other is not one])
+        alone = copies._solved(copies._proof(rest, copies.axes).taking("rounding", "target", "clearance"))
+        shared = copies._solved(copies._without(one.name))
+        assert (alone.bits(start=0, within=12) == shared.bits(start=0, within=12)).all()
+
+
+def test_copies_take_about_as_long_as_the_solve(monkeypatch):
+    """By the model, where that is more than `LEAST`; and what can be no cause is not tried."""
+    monkeypatch.setattr("sdhj.certified.limits.LEAST", 0.0)
+    table = solved(plane(push=1.1), 400, 400)
+    copies, free = table.limits, drawn(table.problem)
+    begun = copies.left
+    copies.gains(free[~table.contains(free)], 0, table.steps)
+    assert 0 <= copies.left <= begun and max(axis.count for axis in copies.axes) < 400
+    assert ("push", "a smaller disturbance or stronger inputs") in copies.tried
+    assert not any(helps.startswith("more cells") for _, helps in copies.tried)
+
+
 @pytest.mark.parametrize("steps", [3, 4])
 def test_states_at_any_step(steps):
     """Of a target that comes later, and of every step: copies answer for the entry that is asked for."""
@@ -234,8 +288,34 @@ def test_what_cannot_be_tried_is_left_out():
     )
     table = solved(problem, 20)
     assert not table.fraction() and table.explain([7.0]).helps
-    tried = [one.cause or one.helps for one in table.limits.tried]
-    assert {"creep", "push", "a longer interval"} <= set(tried)
+    tried = [cause or helps for cause, helps in table.limits.tried]
+    assert {"push", "a longer interval"} <= set(tried)
     with pytest.raises(ValueError, match="unsafe"):
         replace(problem, unsafe=[])
     assert "clearance of 'post'" not in tried
+
+
+@pytest.mark.parametrize("memory", [True, False])
+def test_what_may_be_measured_is_looked_up_by_boxes_too(monkeypatch, memory):
+    """Where there are many cells around a state: the same states as by every cell, at walls and over a seam as well."""
+
+    def turning(q, u):
+        return np.stack([np.cos(q[:, 1]), np.full(len(q), u[0])], axis=1)
+
+    turns = sdhj.ReachAvoidProblem(
+        grid=sdhj.Grid([-2, -np.pi], [2, np.pi], (41, 32), periodic=[False, True]),
+        dynamics=sdhj.Dynamics([[-1.5], [0.0], [1.5]], turning, [[1], [0]], [0.05]),
+        target=sdhj.TargetSet((0,), lambda p, t: np.abs(p[:, 0]) - 0.9),
+        unsafe=[],
+        delta=0.2,
+        steps=6,
+        sensing=sdhj.Sensing((0.1, 0.15), memory=memory),
+    )
+    for problem in (turns, joint(0.05, 0.02, memory)):
+        table = solved(problem, 90, 70)
+        q = np.random.default_rng(2).uniform(problem.grid.lower, problem.grid.upper, (3000, 2))
+        by_boxes, by_cells = [], []
+        for most, found in ((0, by_boxes), (10**9, by_cells)):
+            monkeypatch.setattr("sdhj.certified.table.MANY", most)
+            found.append(table.contains(q))
+        assert (by_boxes[0] == by_cells[0]).all() and 0 < by_cells[0].mean() < 1
