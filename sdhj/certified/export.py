@@ -34,7 +34,6 @@ from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import threads
 from sdhj.table.beside import predicted, squared_distances
 from sdhj.table.files import replaced_whole, writable_file
@@ -124,12 +123,6 @@ def export_c(
     return Exported(folder, table)
 
 
-def _refuse_delay(sensing: Sensing) -> None:
-    """Raise ValueError for measurements with a delay: predictions need more than a table's words."""
-    if sensing.delay:
-        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
-
-
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
     """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text.
 
@@ -153,7 +146,8 @@ def _exportable(table: Any) -> ReachAvoidProblem:
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
             'the problem with method="certified"'
         )
-    _refuse_delay(table.problem.sensing)
+    if table.problem.sensing.delay:
+        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
     if len(table.problem.inputs) > MOST_EXPORTED:
         raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(table.problem.inputs):,}")
     return table.problem

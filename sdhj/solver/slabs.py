@@ -199,7 +199,7 @@ def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[A
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
     most = np.zeros(len(problem.inputs), np.int64)
-    for piece in problem.pieces():
+    for piece in map(problem.on, problem.grid.pieces()):  # small enough to sample functions on
         games = method.on(piece)
         grid, cfl = piece.grid.subgrid(axes), method.scheme.cfl
         most = np.maximum(
