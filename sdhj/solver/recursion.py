@@ -84,11 +84,8 @@ def unsettled(problem: ReachAvoidProblem, steps: int, share: float) -> Finding:
     steps : after how many steps the solve ended.
     share : the part of the nodes or cells, 0 to 1, that the last of these steps still changed.
     """
-    holds = (
-        "the tube is safe for so many steps, not for ever"
-        if problem.has_no_target
-        else "the tubes hold for so many steps"
-    )
+    holds = "the tube is safe for so many steps, not for ever"
+    holds = holds if problem.has_no_target else "the tubes hold for so many steps"
     return Finding(
         f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. ",
         share,

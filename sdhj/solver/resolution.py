@@ -215,14 +215,8 @@ def _turning_over(problem: "ReachAvoidProblem", t: float) -> Finding | None:
 def _nowhere(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
     """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
-    for step in steps:
-        g = (
-            problem.unsafe_over(unsafe_set, *problem.span(step))
-            if unsafe_set.moving
-            else problem.unsafe_at(unsafe_set, 0.0)
-        )
-        if (g <= 0).any():
-            return None
+    if any((problem.unsafe_over(unsafe_set, *problem.span(step)) <= 0).any() for step in steps):
+        return None
     return Finding(
         f"the unsafe set {unsafe_set.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
         0.0,
