@@ -591,7 +591,7 @@ class GeneralProof(Images):
                 out &= self.outside_cells(part, times, some)  # obligation 9.3
         return out
 
-    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
+    def add(self, prepared: Packing, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
         Adds the cells that a clear input takes into `following`; without a target, keeps only such cells.
