@@ -231,15 +231,12 @@ class Former:
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
-        self.same_target = was.has_no_target == problem.has_no_target and (
+        both = was.has_no_target == problem.has_no_target  # a target, or none
+        self.same_target = both and (
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.has_rows = (
-            self.alike
-            and was.has_no_target == problem.has_no_target
-            and not (was.has_no_target and table.details.get("endless"))
-        )
+        self.has_rows = self.alike and both and not (was.has_no_target and table.details.get("endless"))
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
         self.each: dict[Meaning, list[FloatArray]] = {}
         self.still: dict[tuple[int, int], FloatArray] = {}

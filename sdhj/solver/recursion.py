@@ -357,10 +357,8 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
             joint = getattr(plan.whole, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
-    static, moving = (
-        arrays.read(name, position, layout.runs(name, task.slab))
-        for name, position in (("avoid_static", 0), ("avoid_moving", task.step))
-    )
+    static = arrays.read("avoid_static", 0, layout.runs("avoid_static", task.slab))
+    moving = arrays.read("avoid_moving", task.step, layout.runs("avoid_moving", task.slab))
     return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 
 
