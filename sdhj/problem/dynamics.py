@@ -624,9 +624,8 @@ class VectorField(Remembering):
         nodes = [np.linspace(a, b, cut + 1) for a, b, cut in zip(*ends, self.cuts(range(self.ndim)), strict=True)]
         pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
-            low, high = (
-                np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1)
-            )
+            states = np.repeat(points, len(v), 0)
+            low, high = (np.hstack([states, np.tile(v[..., i], (len(points), 1))]) for i in (0, 1))
             least, most = self._with_disturbance[j].bounds(low, high, (t, t))
             reach = (least + most) / 2 @ directions.T + (most - least) / 2 @ np.abs(directions).T
             found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))

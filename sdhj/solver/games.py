@@ -788,10 +788,8 @@ class HopfLaxGames(_OnAxes):
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
             for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
-            end = self.duration
-            whole, first, second = (
-                np.array(interval.displacement_boxes(*s)) for s in ((0, end), (0, end / 2), (end / 2, end))
-            )
+            parts = (0, self.duration), (0, self.duration / 2), (self.duration / 2, self.duration)
+            whole, first, second = (np.array(interval.displacement_boxes(*part)) for part in parts)
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
                 raise too_restless(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
