@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sdhj import Grid, Scheme
-from sdhj.problem.boxes import INTERPOLATIONS, maxima, one_by_one
+from sdhj.problem.boxes import INTERPOLATIONS, maximum_over_boxes
 from sdhj.problem.interval import Velocities
 from sdhj.solver.schemes import evolve
 
@@ -17,7 +17,7 @@ ROUNDING = 1e-12  # a dozen float64 operations on values of order one
 def maximum_over_interval(grid, values, axis, low, high, interpolation):
     """Of one box, which stretches along one axis."""
     along = np.arange(grid.ndim) == axis
-    return next(one_by_one(maxima(grid, values, [low * along], [high * along], interpolation)))[1]
+    return next(maximum_over_boxes(grid, values, [low * along], [high * along], interpolation))[1]
 
 
 @given(
@@ -50,7 +50,7 @@ def test_boxes_are_never_below_the_maximum_of_the_interpolant(rng):
     values = rng.normal(size=grid.shape)
     low = np.array([[-0.1, -0.05], [0.2, 0.0], [-0.1, 0.0]])
     high = np.array([[0.1, 0.15], [0.2, 0.0], [0.1, 0.0]])
-    results = dict(one_by_one(maxima(grid, values, low, high, "linear")))
+    results = dict(maximum_over_boxes(grid, values, low, high, "linear"))
     assert sorted(results) == [0, 1, 2]
     points = grid.points()
     for j, got in results.items():
@@ -109,7 +109,7 @@ def test_finite_differences_converge_to_the_closed_form():
         exact = (best(x, lower[0], upper[0]) + best(y, lower[1], upper[1])).reshape(grid.shape)
         scheme = Scheme(frame="fixed")
         hji = evolve(grid, values, Velocities(lower, upper), 1.0, scheme)
-        (_, lax), *_ = one_by_one(maxima(grid, values, lower[None], upper[None], "linear"))
+        (_, lax), *_ = maximum_over_boxes(grid, values, lower[None], upper[None], "linear")
         differences["hji"].append(np.abs(hji - exact).mean())
         differences["lax"].append(np.abs(lax - exact).mean())
     rates = {name: -np.polyfit(np.log(nodes), np.log(errors), 1)[0] for name, errors in differences.items()}

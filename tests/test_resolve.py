@@ -200,7 +200,7 @@ def test_what_is_in_few_planes_spreads_as_far_as_said(order, periodic):
 
 
 def test_maxima_over_boxes_carry_as_far_as_said():
-    from sdhj.problem.boxes import maxima, one_by_one
+    from sdhj.problem.boxes import maximum_over_boxes
 
     grid = sdhj.Grid([-1.0] * 3, [1.0] * 3, [20, 5, 6], [True, False, False])
     rng, corner = np.random.default_rng(0), np.array([[2.3, 0.4, 0.0]]) * grid.spacing
@@ -208,7 +208,7 @@ def test_maxima_over_boxes_carry_as_far_as_said():
     for place in range(20):
         other = values.copy()
         other[place] = rng.standard_normal(grid.shape[1:])
-        found = [next(one_by_one(maxima(grid, one, -corner, corner, "limited")))[1] for one in (values, other)]
+        found = [next(maximum_over_boxes(grid, one, -corner, corner, "limited"))[1] for one in (values, other)]
         here = np.arange(20) == place
         assert not (differing(*found) & ~within_boxes(grid, here, np.array([2.3, 0.4, 0.0]))).any()
 

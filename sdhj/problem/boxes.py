@@ -246,6 +246,16 @@ def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
             yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
 
 
+def maximum_over_boxes(
+    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
+) -> Iterator[tuple[int, FloatArray]]:
+    """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] around each node x) for j from 0 to L - 1.
+
+    values (*shape) : at the nodes. low, high (L, ndim) : in the axes' units. interpolation : one of `INTERPOLATIONS`.
+    """
+    return one_by_one(maxima(grid, values, low, high, interpolation))
+
+
 def crossings(half: FloatArray) -> FloatArray:
     """Points (P, ndim) of the segment from -half to half around a node, in cells: its ends, and where it crosses planes
     of nodes.
@@ -275,7 +285,7 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.continued(past)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
-        for _, found in one_by_one(maxima(wide, raised, points, points, interpolation)):
+        for _, found in maximum_over_boxes(wide, raised, points, points, interpolation):
             most = found if most is None else np.maximum(most, found, out=most)
         raised = np.asarray(most)
     return raised[tuple(slice(n, n + inner) for n, inner in zip(past, grid.shape, strict=True))]

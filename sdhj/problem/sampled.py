@@ -63,6 +63,13 @@ class Sampled(Statement):
         known = {one.name: getattr(self, one.name) for one in fields(Statement) if one.init}
         return OnWindow(**known | {"grid": grid}, whole=self)
 
+    def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
+        """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of these axes, float64.
+
+        ValueError, with the set's `name`, where a value is not finite or out of the range of single precision.
+        """
+        return sampled_on(self.grid.subgrid(axes), function, name)
+
     def unsafe_at(self, unsafe_set: UnsafeSet, t: float) -> FloatArray:
         """The level-set function g of one unsafe set at time t, s, at the nodes of its axes' subgrid; read-only.
 
@@ -170,12 +177,12 @@ class Sampled(Statement):
 
         -inf where there is no target. The samples of a target that does not move are kept if they are at most `SMALL`.
         """
-        target, own = self.target, self.grid.subgrid(self.target.axes)
+        target = self.target
         if self.has_no_target:
             return np.full((1,) * self.grid.ndim, -np.inf)
-        sample = partial(sampled_on, own, lambda points: target.level_set(points, t), target.name)
-        # kept, a large one would take as much memory as a tube
-        return self.grid.lift(sample() if own.size > SMALL else self._once(target, sample), target.axes)
+        sample = partial(self.sample, target.axes, lambda points: target.level_set(points, t), target.name)
+        large = self.grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
+        return self.grid.lift(sample() if large else self._once(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).

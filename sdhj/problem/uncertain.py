@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.boxes import maxima, one_by_one
+from sdhj.problem.boxes import maximum_over_boxes
 from sdhj.problem.statement import Statement
 
 
@@ -23,7 +23,7 @@ def shrunk(problem: Statement, values: FloatArray, axes: Sequence[int] | None = 
     grid, box = problem.grid.subgrid(axes), problem.half_widths[0][list(axes)]
     if not box.any():
         return values
-    ((_, out),) = one_by_one(maxima(grid, values, -box[None], box[None], "linear"))
+    ((_, out),) = maximum_over_boxes(grid, values, -box[None], box[None], "linear")
     for axis, (low, high) in enumerate(zip(*grid.faces("fails"), strict=True)):
         nodes = grid.nodes(axis)
         beyond = grid.lift(box[axis] - np.minimum(nodes - low, high - nodes), (axis,))  # -inf where no end is unsafe
@@ -45,7 +45,7 @@ def before_prediction(problem: Statement, values: FloatArray) -> FloatArray:
         return shrunk(problem, values)
     if not grown.any():
         return values
-    ((_, out),) = one_by_one(maxima(problem.grid, values, -grown[None], grown[None], "linear"))
+    ((_, out),) = maximum_over_boxes(problem.grid, values, -grown[None], grown[None], "linear")
     return out
 
 
