@@ -548,7 +548,7 @@ class VectorField(Remembering):
 
         Bounds that do not depend on time are evaluated once for each input.
         """
-        known = self.remembered("bounds", dict[int, FloatArray])
+        known: dict[int, FloatArray] = self.remembered("bounds", dict)
         if j in known:
             return known[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]

@@ -397,7 +397,7 @@ class Grid(Remembering):
         fates : names of fields of `End`, "fails", "holds" or "frees"; all False without any. False on periodic axes.
         Made once for each tuple of fates.
         """
-        if fates not in (cache := self.remembered("ends", dict[Any, FloatArray])):
+        if fates not in (cache := self.remembered("ends", dict)):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
         return cache[fates]
@@ -409,7 +409,7 @@ class Grid(Remembering):
         Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, made once for
         each tuple of fates.
         """
-        if fates not in (cache := self.remembered("faces", dict[Any, tuple[FloatArray, FloatArray]])):
+        if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
             low = np.where(low, self.lower + past[0], -np.inf)
