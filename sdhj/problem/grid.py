@@ -74,7 +74,6 @@ class Grid(Remembering):
     periodic: tuple[bool, ...] = ()
     names: tuple[str, ...] = ()
     ends: tuple[tuple[str, str], ...] = ()
-    padding: tuple[tuple[int, int], ...] = field(default=(), init=False, repr=False)  # nodes past the safe ends
     unsaid: bool = field(default=False, init=False, repr=False, compare=False)  # neither `periodic` nor `ends`
 
     def __init__(
@@ -113,7 +112,6 @@ class Grid(Remembering):
             raise ValueError(f"ends must be {', '.join(ENDS)} or a pair of them for each axis, got {shown}")
         checked: dict[str, Any] = {"lower": map(float, lower), "upper": map(float, upper), "shape": nodes}
         checked |= {"periodic": map(bool, periodic), "names": map(str, names), "ends": pairs}
-        checked["padding"] = [(0, 0)] * ndim
         for name, values in checked.items():
             object.__setattr__(self, name, tuple(values))
 
@@ -262,27 +260,20 @@ class Grid(Remembering):
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
         """A new grid of these axes, with their padding: what `subgrid`, which keeps it, returns."""
         lower, upper, shape, periodic, names, ends, padding = ([one[axis] for axis in axes] for one in self._by_axis)
-        found = Grid(lower, upper, shape, periodic, names, ends)
-        object.__setattr__(found, "padding", tuple(padding))
-        return found
+        plain = Grid(lower, upper, shape, periodic, names, ends)
+        return Rimmed(plain, padding) if np.any(padding) else plain
 
     @property
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
         """Lower, upper, shape, periodic, names, ends and padding, each with one entry for each axis."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
 
-    def lengthened(self, more: FloatArray, ends: Sequence[Any], padding: FloatArray) -> "Grid":
-        """A new grid with more[axis] = (before, behind) more nodes of each axis, at the same spacing.
-
-        ends : as for `Grid`. padding (ndim, 2) : how many of the new grid's nodes lie past its lower and its upper safe
-        ends, so that games are played there (`sdhj.problem.boxes`): `lower` and `upper` are where the nodes end, and
-        `faces("frees")` the safe ends.
+    @property
+    def padding(self) -> tuple[tuple[int, int], ...]:
+        """How many nodes of each axis lie past its lower and its upper safe end, ((low, high), ...): none, but on a
+        `Rimmed` grid.
         """
-        past, nodes = more.T * self.spacing, (more.sum(axis=1) + self.shape).tolist()
-        edges = (self.lower - past[0]).tolist(), (self.upper + past[1]).tolist()
-        found = Grid(*edges, nodes, self.periodic, self.names, ends)
-        object.__setattr__(found, "padding", tuple(map(tuple, padding.tolist())))
-        return found
+        return ((0, 0),) * self.ndim
 
     @property
     def inner(self) -> tuple[slice, ...]:
@@ -506,6 +497,30 @@ class Grid(Remembering):
 
 
 @dataclass(frozen=True, init=False)
+class Rimmed(Grid):
+    """A grid of which some nodes, its padding, lie past safe ends, so that games are played there
+    (`sdhj.problem.boxes`).
+
+    over : how many nodes lie past the lower and the upper safe end of each axis, ((low, high), ...). `lower` and
+    `upper` are where the nodes end; `faces("frees")` are the safe ends.
+    """
+
+    over: tuple[tuple[int, int], ...] = ()
+
+    def __init__(self, grid: Grid, over: Sequence[Sequence[int]]) -> None:
+        """The nodes of `grid`, padding included, of which the first over[axis][0] and the last over[axis][1] lie past
+        safe ends.
+        """
+        super().__init__(grid.lower, grid.upper, grid.shape, grid.periodic, grid.names, grid.ends)
+        object.__setattr__(self, "over", tuple((int(low), int(high)) for low, high in over))
+
+    @property
+    def padding(self) -> tuple[tuple[int, int], ...]:
+        """`over`: how many nodes of each axis lie past its lower and its upper safe end."""
+        return self.over
+
+
+@dataclass(frozen=True, init=False)
 class Continued(Grid):
     """A grid with more nodes before the lower and behind the upper end of each axis, at the same spacing to the bit,
     and walls at all ends.
@@ -533,11 +548,16 @@ class Window(Grid):
 
     def __init__(self, whole: Grid, first: Sequence[int], shape: Sequence[int]) -> None:
         """The window of shape[axis] nodes of each axis of the grid `whole`, from the node first[axis] on."""
-        for name in ("lower", "upper", "periodic", "names", "ends", "padding", "spacing"):
+        for name in ("lower", "upper", "periodic", "names", "ends", "spacing"):
             object.__setattr__(self, name, getattr(whole, name))
         object.__setattr__(self, "shape", tuple(shape))
         object.__setattr__(self, "whole", whole)
         object.__setattr__(self, "first", tuple(first))
+
+    @property
+    def padding(self) -> tuple[tuple[int, int], ...]:
+        """How many nodes of each axis of the whole grid lie past its lower and its upper safe end."""
+        return tuple(self.whole.padding)
 
     def places(self, axis: int) -> FloatArray:
         """Indices (shape[axis],) int, in the whole grid, of the window's nodes on one axis."""

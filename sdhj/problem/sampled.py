@@ -12,7 +12,7 @@ import numpy as np
 from sdhj.formulas.formula import Formula
 from sdhj.kernels import FloatArray, read_only
 from sdhj.problem.checks import number, points_array
-from sdhj.problem.grid import SMALL, Grid, Window
+from sdhj.problem.grid import SMALL, Grid, Rimmed, Window
 from sdhj.problem.interval import Interval
 from sdhj.problem.nodes import HAIR, closed, least_in_cells, sampled_on, size_of, supported, with_nodes_around
 from sdhj.problem.sets import STEEP, TargetSet, UnsafeSet
@@ -40,7 +40,9 @@ class Sampled(Statement):
         padding = np.isfinite(grid.faces("frees")).T * PADDING  # (ndim, 2)
         if not padding.any():
             return self
-        wide = grid.lengthened(padding, grid.ends, padding)
+        past, nodes = padding.T * grid.spacing, (padding.sum(axis=1) + grid.shape).tolist()
+        ends = (grid.lower - past[0]).tolist(), (grid.upper + past[1]).tolist()
+        wide = Rimmed(Grid(*ends, nodes, grid.periodic, grid.names, grid.ends), padding.tolist())
 
         def as_at_the_end(unsafe_set: "UnsafeSet") -> "UnsafeSet":
             """The unsafe set whose level-set function, and `swept` if it has one, do not change past safe ends."""

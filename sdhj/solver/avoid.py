@@ -12,6 +12,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.interpolation import SLACK
 from sdhj.problem.findings import Finding
+from sdhj.problem.grid import Grid, Rimmed
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
 from sdhj.problem.sets import ANYWHERE, UnsafeSet
@@ -113,11 +114,20 @@ def _ends(problem: ReachAvoidProblem, axis: int) -> Danger:
     frees = grid.ends_where("frees").T  # a state that leaves there is out of danger here too
     each = zip(grid.ends, frees, strict=True)
     ends = [[end if free else "wall" for end, free in zip(*one, strict=True)] for one in each]
-    both = np.stack([widened, widened], axis=1)
-    lowest, highest = np.array(problem.grid.lower), np.array(problem.grid.upper)
+    padding = grid.padding + widened[:, None] * frees
+    longer = Grid(
+        (np.array(grid.lower) - widened * grid.spacing).tolist(),
+        (np.array(grid.upper) + widened * grid.spacing).tolist(),
+        [n + 2 * int(extra) for n, extra in zip(grid.shape, widened, strict=True)],
+        grid.periodic,
+        grid.names,
+        ends,
+    )
     wide = ReachAvoidProblem(
-        grid=grid.lengthened(both, ends, grid.padding + both * frees),
-        dynamics=problem.dynamics.clipped(lowest, highest).on_axes(axes, lowest),
+        grid=Rimmed(longer, padding.tolist()) if padding.any() else longer,
+        dynamics=problem.dynamics.clipped(np.array(problem.grid.lower), np.array(problem.grid.upper)).on_axes(
+            axes, np.array(problem.grid.lower)
+        ),
         target=ANYWHERE,
         unsafe=(UnsafeSet((place,), lambda p, t: np.minimum(p[:, 0] - low, high - p[:, 0]) + slack, name=name),),
         delta=delta,
