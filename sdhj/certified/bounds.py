@@ -54,7 +54,9 @@ class Bounds:
         signs = None if self.vertices is None else self.vertices[j % len(self.vertices)]
         j = self.input(j)
         # obligation 2.22
-        return within_grid(grid, range(grid.ndim), low, high, lambda a, b: dynamics.range(j, a, b, (t0, t1), signs))
+        return within_grid(
+            grid, range(grid.ndim), low, high, lambda a, b: dynamics.velocity_bounds(j, a, b, (t0, t1), signs)
+        )
 
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
@@ -71,7 +73,7 @@ class Bounds:
         alone = dynamics.component("extremes", j, side * grid.ndim + axis)
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
-    def level(
+    def bounds_of_level_set(
         self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float, function: Any = None
     ) -> FloatArray:
         """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
@@ -106,23 +108,23 @@ class Bounds:
         halvings : how often a box of open sign is cut in two along each axis, at most, and as long as the pieces of all
             such boxes are no more than `MOST_HALVES`.
         asked : bool of that shape, the boxes that are bounded one by one; any other box has the sign of its tile.
-        function : as for `level`.
+        function : as for `bounds_of_level_set`.
         """
-        level = partial(self.level, part, t0=times[0], t1=times[1], function=function)
+        level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
         sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
         first = [ends[::side] for ends in low]
         # obligation 4.26
         last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
         out = np.empty([ends.size for ends in first], np.int8)
-        for at in _in_runs(np.arange(out.size)):
+        for at in _in_batches(np.arange(out.size)):
             there = np.unravel_index(at, out.shape)
             out.ravel()[at] = _sign(level(picked(first, there), picked(last, there)))
         out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
         left = np.flatnonzero((out == 0) & asked)
-        for at in _in_runs(left):
+        for at in _in_batches(left):
             there = np.unravel_index(at, sizes)
             most = MOST_HALVES * at.size // left.size
-            out.ravel()[at] = _halved(level, picked(low, there), picked(high, there), halvings, most)
+            out.ravel()[at] = _sign_by_halving(level, picked(low, there), picked(high, there), halvings, most)
         return out
 
     def outside(
@@ -145,7 +147,7 @@ class Bounds:
         asked : bool of that shape, the boxes that are asked about; False is returned for all others.
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
-        for one in part.level_set.least_of:  # obligation 4.48
+        for one in part.level_set.operands_of_min:  # obligation 4.48
             out &= self.signs(part, low, high, times, halvings, out, one) > 0
         return out
 
@@ -168,8 +170,12 @@ class Bounds:
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
             middle = (low + high) / 2
-            out[box[self.level(part, middle, middle, *times)[0] > 0.0]] = False  # at once, without cutting
-            left = np.flatnonzero(out[box] & (self.level(part, low, high, *times)[1] > 0.0))  # obligation 9.12
+            out[box[self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0]] = (
+                False  # at once, without cutting
+            )
+            left = np.flatnonzero(
+                out[box] & (self.bounds_of_level_set(part, low, high, *times)[1] > 0.0)
+            )  # obligation 9.12
             box, low, high, middle = box[left], low[left], high[left], middle[left]
             if turn == halvings or not left.size or left.size << low.shape[1] > most:
                 break
@@ -182,7 +188,7 @@ class Bounds:
         return out
 
 
-def _halved(
+def _sign_by_halving(
     level: Callable[[FloatArray, FloatArray], FloatArray], low: FloatArray, high: FloatArray, halvings: int, most: int
 ) -> FloatArray:
     """The sign of a function in each box (M, axes): 1 where > 0, -1 where <= 0, else 0; (M,) int8.
@@ -214,7 +220,7 @@ def _sign(bounds: FloatArray) -> FloatArray:
     return (bounds[0] > 0.0).astype(np.int8) - (bounds[1] <= 0.0)
 
 
-def _in_runs(places: FloatArray) -> Iterator[FloatArray]:
+def _in_batches(places: FloatArray) -> Iterator[FloatArray]:
     """Yield the indices `places` (n,) in runs of at most `BOXES`, one after the other; none if there are none."""
     return (places[at : at + BOXES] for at in range(0, places.size, BOXES))
 
