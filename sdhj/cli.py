@@ -79,18 +79,15 @@ INTERPOLATED = tuple(name for name in METHODS if name != Certified.name)  # tube
 METHOD = click.Choice(list(METHODS))
 RUNS = click.IntRange(1, MOST_RUNS)
 SEED = click.IntRange(0)
+PATH = click.Path(path_type=Path)
+TABLE = click.argument("table", type=PATH)
+PROBLEM = click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
 VIEWS = click.Choice(VIEW_TIMES)
 READINGS = click.Choice(KINEMATICS)
 # small problems that call every kernel, what takes longest first: so many cells that certified tubes grow
 WARM_CELLS = {"arm": (63, 63, 18, 18), "car": (48, 48, 32)}
-WARMED = [
-    ("arm", "certified"),
-    ("car", "certified"),
-    ("arm", "hji"),
-    ("car", "hji"),
-    ("arm", "projected"),
-    ("arm", "lax"),
-]
+WARMED = [(robot, method) for method in ("certified", "hji") for robot in WARM_CELLS]
+WARMED += [("arm", "projected"), ("arm", "lax")]
 
 
 class Refusal(click.ClickException):
@@ -150,11 +147,9 @@ def main() -> None:
 @click.option("--kinematics", type=READINGS, help="Of the arm: the textbook's, or Eq. (8) as printed.")
 @click.option("--cells", help="With --method certified: the number of cells on each axis, separated by commas.")
 @click.option("--seconds", type=float, help="With --method certified: about what a solve may take, to choose cells.")
-@click.option(
-    "--store", type=click.Path(path_type=Path), help="A folder for a table larger than memory, in place of -o."
-)
+@click.option("--store", type=PATH, help="A folder for a table larger than memory, in place of -o.")
 @click.option("--operations", type=float, default=MOST_OPERATIONS, help="How many a solve may take; 1e13: some hours.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The file to write or replace.")
+@click.option("-o", "--output", type=PATH, help="The file to write or replace.")
 @plainly
 def solve_command(
     robot: str | None,
@@ -205,7 +200,7 @@ def solve_command(
 
 
 @main.command("simulate")
-@click.argument("table", type=click.Path(path_type=Path))
+@TABLE
 @click.option("--start", help="Simulate one run from this state: numbers separated by commas, for the arm q1,q2,px,py.")
 @click.option("--runs", type=RUNS, show_default="10000", help="Number of runs from uniformly drawn admissible states.")
 @click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="The adversary's strategy.")
@@ -235,7 +230,7 @@ def simulate_command(table: Path, start: str | None, runs: int | None, adversary
 
 
 @main.command()
-@click.argument("table", type=click.Path(path_type=Path))
+@TABLE
 @plainly
 def info(table: Path) -> None:
     """Print what a table contains and how it was computed."""
@@ -313,7 +308,7 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
 
 
 @main.command("verify")
-@click.argument("table", type=click.Path(path_type=Path))
+@TABLE
 @click.option(
     "--samples",
     default=0,
@@ -321,8 +316,8 @@ def in_mathematics(head: Mapping[str, Any], arrays: Mapping[str, FloatArray]) ->
     help="Check so many random cells (of the arm, pairs of them), with Arb's arithmetic if sdhj[arb] is there; 0: all.",
 )
 @click.option("--seed", default=0, type=SEED, help="Seed of the random sample.")
-@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
-@click.option("--table", "of_folder", type=click.Path(path_type=Path), help="Of the folder of an export: its table.")
+@PROBLEM
+@click.option("--table", "of_folder", type=PATH, help="Of the folder of an export: its table.")
 @click.pass_context
 @plainly
 def verify_command(
@@ -396,15 +391,15 @@ def _line_of(error: Exception, place: str) -> str:
 
 
 @main.command("export")
-@click.argument("table", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The folder to write to.")
+@TABLE
+@click.option("-o", "--output", required=True, type=PATH, help="The folder to write to.")
 @click.option("--rule", type=click.Choice([*RULES, "small"]), help="Which proved input the robot applies.")
 @click.option("--only", help=f"What the file answers, some of {','.join(FIELDS)}: less is smaller.")
 @click.option(
     "--brake", type=click.IntRange(0), help="The input to apply where nothing is proved; by default the least."
 )
 @click.option("--check", "check_it", is_flag=True, help="Prove the table and the file, as `sdhj verify` does.")
-@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@PROBLEM
 @click.pass_context
 @plainly
 def export_command(
@@ -434,11 +429,11 @@ STACK = 300  # bytes at most, of gcc on x86-64
 
 
 @main.command("explain")
-@click.argument("table", type=click.Path(path_type=Path))
+@TABLE
 @click.argument("state")
 @click.option("--step", default=0, type=click.IntRange(0), help="k, the step at which the robot is there.")
 @click.option("--within", type=click.IntRange(0), help="n, the steps to go.  [default: all that are left]")
-@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@PROBLEM
 @plainly
 def explain_command(table: Path, state: str, step: int, within: int | None, problem: str | None) -> None:
     """Say why a table promises a STATE, numbers separated by commas, or does not."""
@@ -447,14 +442,14 @@ def explain_command(table: Path, state: str, step: int, within: int | None, prob
 
 
 @main.command("plot")
-@click.argument("table", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The PNG or SVG to write.")
+@TABLE
+@click.option("-o", "--output", required=True, type=PATH, help="The PNG or SVG to write.")
 @click.option("--axes", help="The two axes of the slice by name, separated by a comma.  [default: the first two]")
 @click.option("--at", multiple=True, help="Where the slice is on another axis: name=number.  [default: the middle]")
 @click.option("--step", default=0, type=click.IntRange(0), help="k, the step of the tubes.")
 @click.option("--start", help="Draw a run from this state, numbers separated by commas, in place of the tubes.")
 @click.option("--adversary", default="worst", type=click.Choice(list(ADVERSARIES)), help="Of the run.")
-@click.option("--problem", help="module:name or file.py:name of the problem, of a table with black boxes.")
+@PROBLEM
 @plainly
 def plot_command(
     table: Path,
@@ -514,7 +509,7 @@ def slice_of(grid: Grid, axes: str | None, at: Sequence[str]) -> tuple[list[int]
 
 
 @main.command("new")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 @plainly
 def new_command(file: Path) -> None:
     """Write a commented robot to begin with, to FILE, for example car.py."""

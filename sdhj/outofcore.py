@@ -44,7 +44,6 @@ from sdhj.table.store import (
     warn_of_disk,
 )
 
-__all__ = ["StoredTable", "load_stored", "solve_stored"]
 LEAST_ROOM = 2**28  # bytes for a slab where the system does not say how many it has
 ONE_AT_A_TIME = threading.Lock()  # threads of a worker share the memory that one slab may take
 INSTEAD = "; leave store= out to solve in memory"

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.problem.restoring import arrays_of, described
+from sdhj.problem.describing import arrays_of, described
 
 TOLD = ("problem", "delta", "steps", "view_time", "grid", "inputs", "sensing", "sets", "formulas")
 

@@ -227,7 +227,7 @@ def test_controller_equals_its_slow_twin_on_noise(bounds: float, rng: np.random.
     everywhere = sdhj.TargetSet((0,), lambda p, t: np.full(len(p), -1.0))  # the true sets refute nothing
     dynamics = sdhj.Dynamics(problem.inputs, problem.inputs, np.eye(2), np.full(2, bounds))
     problem = replace(problem, dynamics=dynamics, target=everywhere, unsafe=(nowhere,))
-    table = LookupTable.empty(problem, "noise", "float32", torus_avoid(rng))
+    table = toys.empty_table(problem, torus_avoid(rng))
     for step in range(3):
         for n in range(3 - step):
             lower = rng.normal(0.6 if bounds < 1 else -1.0, 1.0, problem.grid.shape)

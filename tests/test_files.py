@@ -16,7 +16,7 @@ from toys import interval_problem, one_row, small_torus_table, torus_problem, un
 
 import sdhj
 from sdhj.plotting.looks import writable_folder
-from sdhj.problem.restoring import described
+from sdhj.problem.describing import described
 from sdhj.table import table as table_module
 from sdhj.table.files import FORMAT_VERSION, read_head, replaced_whole, writable_file
 from sdhj.table.table import entries

@@ -5,12 +5,13 @@ from dataclasses import replace
 import naive_zonotopes
 import numpy as np
 import pytest
+import toys
 
 import sdhj
 from sdhj.kernels import read_only
 from sdhj.problem import interval as interval_module
 from sdhj.problem.findings import ResolutionWarning
-from sdhj.table.table import AvoidTubes, LookupTable
+from sdhj.table.table import AvoidTubes
 
 COURSES = np.pi / 4 * np.arange(8)
 WAYS = np.vstack([np.zeros((1, 2)), 0.8 * np.stack([np.cos(COURSES), np.sin(COURSES)], axis=1)])
@@ -195,7 +196,7 @@ def test_a_mean_of_two_directions_counts():
     near = np.abs(grid.points() - q - chord).max(axis=1).reshape(grid.shape) < 0.6 * grid.spacing[0]
     assert near.any() and not ((low - grid.spacing <= chord) & (chord <= high + grid.spacing)).all(axis=1).any()
     clear = AvoidTubes((0,), np.full((1, 401), -1.0, np.float32), (0,), np.full((1, 1, 401), -1.0, np.float32))
-    table = LookupTable.empty(problem, "spike", "float32", clear)
+    table = toys.empty_table(problem, clear)
     table.value_array(0, 0)[:], table.value_array(0, 1)[:] = 1.0, -1.0
     table.value_array(1, 0)[:] = np.where(near, 1.0, -1.0)
     read_only((table.index, table.tubes, table.marks))

@@ -170,7 +170,7 @@ def test_projections_are_those_of_the_twin(axes, rng):
     games = projected_games(problem, [axes])
     values = rng.normal(size=problem.grid.shape).astype(np.float32)
     np.testing.assert_array_equal(games.inner_projection(values, axes), naive.inner_projection(values, axes))
-    g = problem.sample((0, 1, 2), lambda p: problem.unsafe[0].level_set(p, 0.0), "ball")
+    g = problem.unsafe[0].level_set(problem.grid.points(), 0.0).reshape(problem.grid.shape)
     walls = games.outer_projections(problem.unsafe[0], (0, 1, 2), -g)[axes]
     np.testing.assert_array_equal(-walls, naive.outer_projection(g, axes))
 

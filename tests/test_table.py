@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from toys import interval_problem, one_row, small_torus_table, torus_problem
+from toys import empty_table, interval_problem, one_row, small_torus_table, torus_problem
 
 import sdhj
 from sdhj import Dynamics
 from sdhj.table.controller import Controller
-from sdhj.table.table import AvoidTubes, LookupTable, entries, entry
+from sdhj.table.table import AvoidTubes, entries, entry
 
 
 @pytest.fixture(scope="module")
@@ -91,12 +91,12 @@ def test_digest_sees_every_part_of_a_problem():
 # ---- equal tubes are stored once
 
 
-def empty_table(steps, *, time_invariant):
+def table_of(steps, *, time_invariant):
     rate = 0.0 if time_invariant else 0.1  # of the wall
     problem = interval_problem(nodes=9, steps=steps, rate=rate)
     assert problem.time_invariant == time_invariant
     nothing = AvoidTubes((), np.full(3, -np.inf), (), np.full((problem.steps, 3), -np.inf))
-    return LookupTable.empty(problem, "markers", "float64", nothing)
+    return empty_table(problem, nothing, "float64")
 
 
 def test_entries_come_in_the_order_of_their_places():
@@ -107,7 +107,7 @@ def test_entries_come_in_the_order_of_their_places():
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
 def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
     """Each tube is filled with a number of its own, or shared; a dictionary keeps book."""
-    table, told = empty_table(6, time_invariant=False), {}
+    table, told = table_of(6, time_invariant=False), {}
     for k in range(6, -1, -1):
         for n in range(7 - k):
             if n >= 2 and rng.random() < share:
@@ -126,7 +126,7 @@ def test_shared_tubes_are_the_ones_before_and_take_no_room(share, rng):
 
 def test_without_time_there_is_one_tube_for_each_number_of_steps():
     """A row finds the tubes of the next one filled in; its one new tube is filled in, or shared by all that follow."""
-    table = empty_table(5, time_invariant=True)
+    table = table_of(5, time_invariant=True)
     assert len(table.tubes) == 6
     for k in range(5, -1, -1):
         for n in range(6 - k):

@@ -7,6 +7,7 @@ jump there. Where a function may be undefined its bounds are infinite, so nothin
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,6 @@ BOXES = 1 << 16  # that a function is bounded over at a time
 TILE = 64  # boxes that are bounded together first
 MOST_HALVES = 1 << 20  # pieces that all boxes with an open sign are cut into
 Bounded = Callable[[FloatArray, FloatArray], Ends]  # of boxes, both (M, axes), to bounds of a function there
-
-
-def known_sets(problem: ReachAvoidProblem) -> list[TargetSet | UnsafeSet]:
-    """A list of the target, if the problem has one, and the unsafe sets, in the problem's order."""
-    return [*([] if problem.has_no_target else [problem.target]), *problem.unsafe]
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class Bounds:
         return within_grid(grid, range(grid.ndim), low, high, lambda a, b: alone.bounds(a, b, (t0, t1)))[side]
 
     def bounds_of_level_set(
-        self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float
+        self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, t0: float, t1: float, function: Any = None
     ) -> FloatArray:
         """Lower and upper bounds of a set's level-set function over boxes of the set's axes: (2, M).
 
@@ -86,17 +82,10 @@ class Bounds:
         the function may be undefined. ValueError where a black box does not declare enough for bounds.
 
         part : the set. low, high : the corners of the boxes, (M, axes) each.
+        function : a formula or a black box of the set's axes that is bounded in place of its level-set function.
         """
-        return self._bounds_of_function(part.axes, part.level_set, low, high, t0, t1)
-
-    def _bounds_of_function(
-        self, axes: Sequence[int], function: Any, low: FloatArray, high: FloatArray, t0: float, t1: float
-    ) -> FloatArray:
-        """The least and the greatest value of a function of `axes` over boxes (M, axes) during [t0, t1], s: (2, M).
-
-        function : a formula or a black box, bounded by its method `bounds_by_branch`.
-        """
-        return within_grid(self.problem.grid, axes, low, high, lambda a, b: function.bounds_by_branch(a, b, (t0, t1)))
+        bounded = (function or part.level_set).bounds_by_branch
+        return within_grid(self.problem.grid, part.axes, low, high, lambda a, b: bounded(a, b, (t0, t1)))
 
     def signs(
         self,
@@ -105,6 +94,8 @@ class Bounds:
         high: Sequence[FloatArray],
         times: tuple[float, float],
         halvings: int = 0,
+        asked: FloatArray | bool = True,
+        function: Any = None,
     ) -> FloatArray:
         """The sign that a level-set function has in all of a box at all times: 1 where > 0, -1 where <= 0, else 0.
 
@@ -116,8 +107,25 @@ class Bounds:
         times : the least and the greatest time, s.
         halvings : how often a box of open sign is cut in two along each axis, at most, and as long as the pieces of all
             such boxes are no more than `MOST_HALVES`.
+        asked : bool of that shape, the boxes that are bounded one by one; any other box has the sign of its tile.
+        function : as for `bounds_of_level_set`.
         """
-        return self._signs(part.axes, part.level_set, low, high, times, halvings)
+        level = partial(self.bounds_of_level_set, part, t0=times[0], t1=times[1], function=function)
+        sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
+        first = [ends[::side] for ends in low]
+        # obligation 4.26
+        last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
+        out = np.empty([ends.size for ends in first], np.int8)
+        for at in _in_batches(np.arange(out.size)):
+            there = np.unravel_index(at, out.shape)
+            out.ravel()[at] = _sign(level(picked(first, there), picked(last, there)))
+        out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
+        left = np.flatnonzero((out == 0) & asked)
+        for at in _in_batches(left):
+            there = np.unravel_index(at, sizes)
+            most = MOST_HALVES * at.size // left.size
+            out.ravel()[at] = _sign_by_halving(level, picked(low, there), picked(high, there), halvings, most)
+        return out
 
     def outside(
         self,
@@ -140,42 +148,7 @@ class Bounds:
         """
         out = np.ones([ends.size for ends in low], np.bool_) & asked
         for one in part.level_set.operands_of_min:  # obligation 4.48
-            out &= self._signs(part.axes, one, low, high, times, halvings, out) > 0
-        return out
-
-    def _signs(
-        self,
-        axes: Sequence[int],
-        function: Any,
-        low: Sequence[FloatArray],
-        high: Sequence[FloatArray],
-        times: tuple[float, float],
-        halvings: int,
-        asked: FloatArray | bool = True,
-    ) -> FloatArray:
-        """As `Bounds.signs` for any function: 1 where > 0 in all of a box at all times, -1 where <= 0, else 0; int8.
-
-        low, high, times, halvings : as there.
-        axes, function : the function, a formula or a black box, and the axes of the grid that it depends on.
-        asked : bool (n1, n2, ...), the boxes that are bounded one by one; any other box has the sign of its tile.
-        """
-        sizes, side = [ends.size for ends in low], max(int(TILE ** (1 / len(low))), 2)
-        first = [ends[::side] for ends in low]
-        # obligation 4.26
-        last = [np.append(ends[side - 1 :: side], ends[-1:])[: -(-ends.size // side)] for ends in high]
-        out = np.empty([ends.size for ends in first], np.int8)
-        for at in _in_batches(np.arange(out.size)):
-            there = np.unravel_index(at, out.shape)
-            out.ravel()[at] = _sign(
-                self._bounds_of_function(axes, function, picked(first, there), picked(last, there), *times)
-            )
-        out = out[np.ix_(*[np.arange(n) // side for n in sizes])]
-        left = np.flatnonzero((out == 0) & asked)
-        for at in _in_batches(left):
-            there = np.unravel_index(at, sizes)
-            most = MOST_HALVES * at.size // left.size
-            ends = picked(low, there), picked(high, there)
-            out.ravel()[at] = self._sign_by_halving(axes, function, *ends, times, halvings, most)
+            out &= self.signs(part, low, high, times, halvings, out, one) > 0
         return out
 
     def inside(
@@ -214,36 +187,32 @@ class Bounds:
         out[box] = False  # obligation 9.14
         return out
 
-    def _sign_by_halving(
-        self,
-        axes: Sequence[int],
-        function: Any,
-        low: FloatArray,
-        high: FloatArray,
-        times: tuple[float, float],
-        halvings: int,
-        most: int,
-    ) -> FloatArray:
-        """The sign of a function in each box (M, axes) at all times: 1 where > 0, -1 where <= 0, else 0; (M,) int8.
 
-        A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together
-        are no more than `most`. axes, function : as for `_signs`. low, high : the corners. times : least and greatest.
-        """
-        (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
-        for turn in range(halvings + 1):
-            sign = _sign(self._bounds_of_function(axes, function, low, high, *times))
-            above[box[sign > 0]] = below[box[sign < 0]] = True
-            left = (sign == 0) & ~(above & below)[box]
-            box, low, high = box[left], low[left], high[left]
-            if turn == halvings or not box.size or box.size << low.shape[1] > most:
-                break
-            for axis in range(low.shape[1]):
-                middle = (low[:, axis] + high[:, axis]) / 2
-                low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
-                low[middle.size :, axis] = high[: middle.size, axis] = middle
-        known = np.ones(above.size, np.bool_)
-        known[box] = False  # obligation 9.2
-        return known * (above.astype(np.int8) - below)
+def _sign_by_halving(
+    level: Callable[[FloatArray, FloatArray], FloatArray], low: FloatArray, high: FloatArray, halvings: int, most: int
+) -> FloatArray:
+    """The sign of a function in each box (M, axes): 1 where > 0, -1 where <= 0, else 0; (M,) int8.
+
+    A box of open sign is cut in two along each axis, `halvings` times at most and as long as all pieces together are no
+    more than `most`.
+
+    level : bounds (2, M) of the function over boxes from low to high, (M, axes) each, the corners.
+    """
+    (above, below), box = np.zeros((2, len(low)), np.bool_), np.arange(len(low))  # some piece is > 0, is <= 0
+    for turn in range(halvings + 1):
+        sign = _sign(level(low, high))
+        above[box[sign > 0]] = below[box[sign < 0]] = True
+        left = (sign == 0) & ~(above & below)[box]
+        box, low, high = box[left], low[left], high[left]
+        if turn == halvings or not box.size or box.size << low.shape[1] > most:
+            break
+        for axis in range(low.shape[1]):
+            middle = (low[:, axis] + high[:, axis]) / 2
+            low, high, box = np.concatenate([low, low]), np.concatenate([high, high]), np.tile(box, 2)
+            low[middle.size :, axis] = high[: middle.size, axis] = middle
+    known = np.ones(above.size, np.bool_)
+    known[box] = False  # obligation 9.2
+    return known * (above.astype(np.int8) - below)
 
 
 def _sign(bounds: FloatArray) -> FloatArray:

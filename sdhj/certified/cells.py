@@ -244,12 +244,9 @@ def layers_of(problem: ReachAvoidProblem, axis: int) -> tuple[int, int]:
     (lower, upper), 0 at ends that are no walls, and everywhere if nobody can know that a state is at the wall:
     measurements err or come late, and the controller does not remember.
     """
-    grid, known = (
-        problem.grid,
-        (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any(),
-    )
+    known = (problem.sensing.remembers or sees_walls(problem)) and problem.dynamics.reads[:, axis].any()
     # obligation 1.3
-    lower, upper = (int(known and holds) for holds in grid.ends_where("holds")[:, axis])
+    lower, upper = (int(known and holds) for holds in problem.grid.ends_where("holds")[:, axis])
     return lower, upper
 
 

@@ -43,7 +43,7 @@ import numpy as np
 
 from sdhj.certified.alone import axes_alone, proved_alone
 from sdhj.certified.arrivals import sites_of
-from sdhj.certified.bounds import Bounds, known_sets
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import DRIFT, CellAxis, aligned_choices, is_steady, moved_bounds
 from sdhj.certified.general_proof import finest, peak, shapes
 from sdhj.certified.images import BOXES_OF_A_SET, place_axes
@@ -484,7 +484,7 @@ def _crossings(problem: ReachAvoidProblem, left: bool = False) -> FloatArray:
     grid, steps = problem.grid, problem.most_steps
     extent, ends = np.subtract(grid.upper, grid.lower), np.stack(grid.faces("fails"))
     out = np.isfinite(ends).sum(axis=0) * (not left) / extent
-    for part in problem.unsafe if left else known_sets(problem):
+    for part in problem.unsafe if left else problem.all_sets:
         own = grid.subgrid(part.axes)
         own = replace(own, shape=tuple(min(n, int(SET_NODES ** (1 / own.ndim))) for n in own.shape))
         times = [problem.time(step) for step in (0, steps // 2, steps)] if part.moving else [0.0]

@@ -34,7 +34,6 @@ from sdhj.kernels.compiling import hidden
 from sdhj.kernels.words import INPUTS, NOTHING, number_records, pack_block
 from sdhj.problem.checks import option, whole
 from sdhj.problem.problem import ReachAvoidProblem
-from sdhj.problem.sensing import Sensing
 from sdhj.table.batches import threads
 from sdhj.table.beside import predicted, squared_distances
 from sdhj.table.files import replaced_whole, writable_file
@@ -124,12 +123,6 @@ def export_c(
     return Exported(folder, table)
 
 
-def _refuse_delay(sensing: Sensing) -> None:
-    """Raise ValueError for measurements with a delay: predictions need more than a table's words."""
-    if sensing.delay:
-        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
-
-
 def _fields_of(only: Sequence[str]) -> tuple[str, ...]:
     """The fields named in `only`, each once, in the order of `FIELDS`; one name may be given as a text.
 
@@ -153,7 +146,8 @@ def _exportable(table: Any) -> ReachAvoidProblem:
             f"only certified tables are exported, whose answers need no formulas; got {type(table).__name__}: solve "
             'the problem with method="certified"'
         )
-    _refuse_delay(table.problem.sensing)
+    if table.problem.sensing.delay:
+        raise ValueError("a table for measurements with a delay is not exported: predictions need the robot's formulas")
     if len(table.problem.inputs) > MOST_EXPORTED:
         raise ValueError(f"at most {MOST_EXPORTED:,} inputs are exported, got {len(table.problem.inputs):,}")
     return table.problem
@@ -170,9 +164,8 @@ def _frequent(table: CertifiedTable) -> tuple[int, ...]:
     rng, left = np.random.default_rng(0), table.steps
     cells = np.stack([rng.integers(0, count, DRAWN_CELLS) for count in table.shape], axis=1)
     ahead = table.fewest(cells, 0)
-    safe = table.inputs_of(
-        cells, np.where(ahead <= left, np.maximum(ahead, left if table.problem.has_no_target else 1), 0), 0
-    )
+    least = left if table.problem.has_no_target else 1
+    safe = table.inputs_of(cells, np.where(ahead <= left, np.maximum(ahead, least), 0), 0)
     return tuple(np.argsort(-safe.sum(axis=0), kind="stable").tolist())
 
 
@@ -189,9 +182,8 @@ def words_in_file(table: CertifiedTable, cells: FloatArray, step: int, fields: S
     within, every = left if table.problem.has_no_target else min(1, left), None
     if "filter" in fields and within < left:
         every = words_of(table, cells, step, left, None, lines=True)
-    nearest = words_of(
-        table, cells, step, within, rule, every, lines=True
-    )  # an input of the fewest steps is one of all steps
+    # an input of the fewest steps is one of all steps
+    nearest = words_of(table, cells, step, within, rule, every, lines=True)
 
     def mask(words: FloatArray) -> FloatArray:
         """The bits of the inputs in words (M, 2 + ceil(L / 32)) uint32, as bytes: (M, ceil(L / 8)) uint8."""
@@ -412,9 +404,8 @@ def images_of(table: CertifiedTable) -> tuple[int, list[int], list[FloatArray]]:
     problem = table.problem
     starts, masks, images = problem.steps if problem.dynamics.depends_on_time else 1, list[int](), list[FloatArray]()
     for axis, reads in enumerate(table.proof.depends):
-        cells = (
-            np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
-        )  # the first on the others
+        # all cells on the axes that it reads, the first on the others
+        cells = np.indices(np.where(reads, table.shape, 1).tolist()).reshape(len(reads), -1).T
         own = np.empty((starts, len(problem.inputs), len(cells), 2), "<i2")
         for step, j in np.ndindex(own.shape[:2]):
             first, last = table.proof.image(cells, np.full(len(cells), j), step)
@@ -492,9 +483,8 @@ def python_answers(
             said += struct.pack("<BI", status & 255, instead if status else value)
         if not where[m]:
             some = np.flatnonzero(safe[m]) if "safe" in fields else safe[m][:0]
-            said += b"".join(
-                struct.pack("<BI", 0, j) for j in [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
-            )
+            each = [*some.tolist(), *(np.flatnonzero(clear[m]) + 65536).tolist()]
+            said += b"".join(struct.pack("<BI", 0, j) for j in each)
         out.append(said)
     if problem.sensing.remembers and left:
         rows, *ends = table.image_cells(states, wanted, step)

@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.arrivals import Arrivals, sites_of
-from sdhj.certified.bounds import Bounds, known_sets
+from sdhj.certified.bounds import Bounds
 from sdhj.certified.cells import MOST_PIECES, CellAxis, cells_of
 from sdhj.certified.images import BOXES_OF_A_SET, PIECES_OF_A_CELL, PLACES, SIDES, Images, moves_of, place_axes
 from sdhj.certified.oblique import Drawing, Lines, lines_in_file, most_bytes
@@ -160,7 +160,7 @@ def peak(
     united = [part for part in problem.unsafe if in_words(problem, own, axes, part, parts)]
     boxes = [
         math.prod(axes[k].count for k in part.axes) * (1 + 2 ** sum(axes[k].periodic for k in part.axes))
-        for part in known_sets(problem)
+        for part in problem.all_sets
         if not any(part is one for one in united)
     ]
     needed = 4 * math.prod(moves) + math.prod(clear) + 9 * math.prod(axis.count for axis in axes)
@@ -595,7 +595,7 @@ class GeneralProof(Images):
                 out &= self.outside_cells(part, times, some)  # obligation 9.3
         return out
 
-    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
+    def add(self, prepared: Packing, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, S_k^{n-1}, into S_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
         Adds the cells that a clear input takes into `following`; without a target, keeps only such cells.

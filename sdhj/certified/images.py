@@ -42,6 +42,7 @@ from sdhj.kernels.pieces import clip_to_walls, guess_enclosure, move_on, narrow_
 from sdhj.kernels.stencils import Moves, has_lines
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sensing import Sensing
+from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.table.batches import STRIDES, threads
 
 PIECES = 1 << 14  # that the state space is cut into, along the axes that velocities depend on
@@ -638,7 +639,7 @@ class Images(Proof):
             raise ValueError("an interval moves the state by more than 32,767 cells; use fewer cells")
         return low, high
 
-    def over_cells(self, part: Any, times: tuple[float, float]) -> FloatArray:
+    def over_cells(self, part: TargetSet | UnsafeSet, times: tuple[float, float]) -> FloatArray:
         """The sign of a set's level-set function in all of each cell: 1 where > 0, -1 where <= 0, else 0; int8.
 
         At all `times`, s to s. Cells are widened by the shell and E. The shape is that of the cells of all axes, with 1
@@ -649,7 +650,7 @@ class Images(Proof):
         found = self.bounds.signs(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
-    def outside_cells(self, part: Any, times: tuple[float, float], asked: FloatArray) -> FloatArray:
+    def outside_cells(self, part: UnsafeSet, times: tuple[float, float], asked: FloatArray) -> FloatArray:
         """Whether each cell, widened by the shell and E, is proved to be outside a set at all `times`, s to s: bool.
 
         The shape is that of the cells of all axes, with 1 for axes that the set does not depend on.
@@ -659,7 +660,7 @@ class Images(Proof):
         found = self.bounds.outside(part, *self._ends_along(part), times, HALVINGS_OF_A_CELL, asked)
         return found.reshape([axis.count if i in part.axes else 1 for i, axis in enumerate(self.axes)])
 
-    def _ends_along(self, part: Any) -> tuple[list[FloatArray], list[FloatArray]]:
+    def _ends_along(self, part: TargetSet | UnsafeSet) -> tuple[list[FloatArray], list[FloatArray]]:
         """Lower and upper ends of the cells along each axis of a set, widened by shell and E: two lists of (count,)."""
         # obligation 9.7
         edges = [(self.axes[axis].edges(), self.shell[axis] + self.prediction_error[axis]) for axis in part.axes]

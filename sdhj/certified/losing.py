@@ -21,7 +21,6 @@ led into Lost_{k+1}^{n-1}, from Lost_k^0 = cells inside G(t_k).
 import itertools
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any
 
 import numpy as np
 
@@ -134,7 +133,7 @@ class LosingProof(Images):
         whole = np.broadcast_to(outside, [axis.count for axis in self.axes]).reshape(-1, self.axes[-1].count)
         return inside | to_words(whole)
 
-    def add(self, prepared: Any, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
+    def add(self, prepared: Packing, cells: FloatArray, following: FloatArray, step: int, changed: Changes) -> None:
         """Turn `cells`, Lost_k^{n-1}, into Lost_k^n for k = step, in place; all sets are packed, (rows, W) uint64.
 
         With a target, cells are taken away from which some input has no vertex that leads into `following`; without

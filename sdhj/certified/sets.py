@@ -20,7 +20,7 @@ The obligations of the proof, where each is met, and the test in tests/certified
     `Images.reached`, by intervals of the user's own functions; where a component of the disturbance moves several axes
     that no velocity depends on, `oblique`, between planes. [test_general_reach_box_holds_every_trajectory,
     test_every_sample_is_inside, test_what_a_piece_adds_is_rounded_outward, test_no_state_ends_outside_the_lines]
-3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `image_inside`, and
+3.  *Every cell that the image needs is certified.* `erode_packed`, `erode_rows`, `add_certified`; `rows_inside`, and
     `images_inside` of 64 cells. [test_recursion_agrees_with_the_twin, test_sets_and_inputs_are_all_that_follows,
     test_words_of_cells_are_led_as_plain_loops_say] After a change only words with cells whose images it may be in are
     asked again. [test_every_cell_whose_image_a_change_is_in_is_asked_again]

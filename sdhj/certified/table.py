@@ -263,10 +263,8 @@ class CertifiedTable(Table):
         """
         states, ndim = np.ascontiguousarray(states), len(self.axes)
         rows, cells = np.empty(len(states) << ndim, np.int64), np.empty((len(states) << ndim, ndim), np.int64)
-        count, out = (
-            cells_near(states, self.cells, self.proof.shell, rows, cells),
-            np.zeros((len(states), len(self.problem.inputs)), bool),
-        )
+        count = cells_near(states, self.cells, self.proof.shell, rows, cells)
+        out = np.zeros((len(states), len(self.problem.inputs)), np.bool_)
         np.logical_or.at(out, rows[:count], asked(cells[:count]))
         return out
 
@@ -449,11 +447,9 @@ class CertifiedTable(Table):
 
         batch : what `answers` has returned for the states, without scores. rule : a name in `sdhj.table.rules.RULES`.
         """
-        return (
-            batch.best.copy()
-            if rule == "deepest"
-            else self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
-        )
+        if rule == "deepest":
+            return batch.best.copy()
+        return self._words.look_up(self, batch.states, batch.step, batch.within, rule)[2]
 
     def preferred(self, batch: Batch, scores: FloatArray) -> FloatArray:
         """For each state of a batch the safe input of least score, of equals that of least margin: (M,).

@@ -196,15 +196,11 @@ class Words:
         """
         alike = table.problem.time_invariant and not table.problem.has_no_target  # a word of step 0 is one of all steps
         start = 0 if alike else step
-        key, width = (start, within, rule), INPUTS + -(-len(table.problem.inputs) // 32)
+        key, inputs = (start, within, rule), len(table.problem.inputs)
         if key not in self.layers:
-            self.layers.setdefault(key, WordTable(width))
+            self.layers.setdefault(key, WordTable(INPUTS + -(-inputs // 32)))
         layer, count = self.layers[key], len(states)
-        out = (
-            np.empty(count, np.int64),
-            np.empty((count, len(table.problem.inputs)), np.bool_),
-            np.empty(count, np.int64),
-        )
+        out = np.empty(count, np.int64), np.empty((count, inputs), np.bool_), np.empty(count, np.int64)
         for begin in range(0, count, CHUNK):
             some = slice(begin, begin + CHUNK) if count > CHUNK else slice(None)
             layer.look_up(table, states[some], key, table.steps - step, tuple(part[some] for part in out))

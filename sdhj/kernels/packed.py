@@ -275,6 +275,23 @@ def row_and_bit(cell, cells):
     return row, bit
 
 
+@kernel(inline="always")
+def first_holding(cell, most, cells, index, pool):
+    """The number of the first of `most` nested sets that has a cell (ndim,); `most` where none has.
+
+    index (most, R), pool (B, W) : as for `fewest_steps`.
+    """
+    row, bit = row_and_bit(cell, cells)
+    least, first = 0, most  # bisection: the sets before `least` do not hold the cell, `first` may
+    while least < first:
+        middle = (least + first) // 2
+        if has_bit(pool[index[middle, row]], bit):
+            first = middle
+        else:
+            least = middle + 1
+    return first
+
+
 @kernel(nogil=True)
 def fewest_steps(states, cells, slack, index, pool, out):
     """out[m] = the number of the first of n nested sets with a cell within slack (ndim,) of states[m], n for none.
@@ -288,15 +305,7 @@ def fewest_steps(states, cells, slack, index, pool, out):
     for m in range(states.shape[0]):
         out[m] = index.shape[0]
         for k in range(cells_at(states[m], cells, slack, found)):
-            row, bit = row_and_bit(found[k], cells)
-            least, most = 0, out[m]  # bisection: the sets before `least` do not hold the cell, `most` may
-            while least < most:
-                middle = (least + most) // 2
-                if has_bit(pool[index[middle, row]], bit):
-                    most = middle
-                else:
-                    least = middle + 1
-            out[m] = most
+            out[m] = first_holding(found[k], out[m], cells, index, pool)
 
 
 @kernel(nogil=True)

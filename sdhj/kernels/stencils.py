@@ -126,19 +126,6 @@ def row_of_box(box, cells):
 
 
 @kernel(**UNCOUNTED)
-def image_inside(cell, low, high, safe, cells, index, pool, scratch):
-    """Whether all cells from cell + low to cell + high are in a set, whose rows are the blocks pool[index].
-
-    True where the image is past a safe end.
-
-    cell, low, high (ndim,) : the cell, and the first and the last cell of its image as offsets. safe (2, ndim) : the
-        safe ends, infinite where there are none. cells : the `Cells`. index (R,), pool (B, W) uint64 : the number of
-        each row's block, and the blocks. scratch (3, ndim) int64 : overwritten.
-    """
-    return rows_inside(box_of_image(cell, low, high, safe, cells, cell.size, scratch), cells, index, pool, scratch)
-
-
-@kernel(**UNCOUNTED)
 def rows_inside(total, cells, index, pool, scratch):
     """Whether all cells of a box with `total` rows are in a set, whose rows are the blocks pool[index].
 
@@ -384,11 +371,8 @@ def reached_words(rows, changed, far, cells, out, scratch, hit):
     far (inputs, 2, ndim) : the first and the last cell that each input leads to from any place, as offsets.
     cells : the `Cells`. scratch (4, ndim - 1) int64, hit (W,) bool : overwritten.
     """
-    (cell, begin, number, at), last, words = (
-        (scratch[0], scratch[1], scratch[2], scratch[3]),
-        cells.counts.size - 1,
-        out.shape[1],
-    )
+    cell, begin, number, at = scratch[0], scratch[1], scratch[2], scratch[3]
+    last, words = cells.counts.size - 1, out.shape[1]
     for i in range(rows.size):
         cell_of(rows[i], cells.counts[:last], cell)
         for j in range(far.shape[0]):

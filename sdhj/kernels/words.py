@@ -7,7 +7,7 @@ in a number, the first one lowest. `NOTHING` stands for no steps, and for no inp
 import numpy as np
 
 from sdhj.kernels.compiling import kernel
-from sdhj.kernels.packed import cells_at, has_bit, row_and_bit
+from sdhj.kernels.packed import cells_at, first_holding
 
 NOTHING = np.uint32(0xFFFFFFFF)
 INPUTS = 2  # where the inputs of a word begin
@@ -116,15 +116,7 @@ def fewest_of_cells(some, cells, index, pool, out):
         blocks. out (M,) int64, overwritten.
     """
     for m in range(some.shape[0]):
-        row, bit = row_and_bit(some[m], cells)
-        least, most = 0, index.shape[0]
-        while least < most:
-            middle = (least + most) // 2
-            if has_bit(pool[index[middle, row]], bit):
-                most = middle
-            else:
-                least = middle + 1
-        out[m] = least
+        out[m] = first_holding(some[m], index.shape[0], cells, index, pool)
 
 
 # ---- packing

@@ -209,22 +209,20 @@ def clearance(a: Part, b: Part, x: Any, y: Any, heading: Any) -> Any:
     a : must have a corner, so be no half-plane. x, y, heading : the pose of a's frame, (M,) each or numbers, m and rad,
     also traced.
     """
+
+    def of_a(n: FloatArray) -> list[Any]:
+        """How far a's corners lie along a vector n (2,) of b's frame."""
+        return [n[0] * x + n[1] * y + dot_turned(n, corner, heading) for corner in a.corners]
+
+    def of_b(n: FloatArray) -> list[Any]:
+        """How far b's corners lie along a vector n (2,) of a's frame."""
+        along = dot_turned(UNIT[0], n, heading), dot_turned(UNIT[1], n, heading)
+        return [(p - x) * along[0] + (q - y) * along[1] for p, q in b.corners]
+
     beside = list[tuple[list[Any], list[Any], FloatArray]]()  # of each edge: how far corners are beyond and along it
-    for normal, ends, offset in zip(b.normals, b.ends, b.offsets, strict=True):
-        (beyond_it, along_it) = (
-            [n[0] * x + n[1] * y + dot_turned(n, corner, heading) for corner in a.corners]
-            for n in (normal, normal @ TURN)
-        )
-        beside.append(([one - offset for one in beyond_it], along_it, ends))
-    for normal, ends, offset in zip(a.normals, a.ends, a.offsets, strict=True) if len(b.corners) else ():
-        (beyond_it, along_it) = (
-            [
-                (p - x) * dot_turned(UNIT[0], n, heading) + (q - y) * dot_turned(UNIT[1], n, heading)
-                for p, q in b.corners
-            ]
-            for n in (normal, normal @ TURN)
-        )
-        beside.append(([one - offset for one in beyond_it], along_it, ends))
+    for part, far in ((b, of_a), (a, of_b)) if len(b.corners) else ((b, of_a),):
+        for normal, ends, offset in zip(part.normals, part.ends, part.offsets, strict=True):
+            beside.append(([one - offset for one in far(normal)], far(normal @ TURN), ends))
     if not beside:  # two points
         (p, q), corner = b.corners[0], a.corners[0]
         return np.hypot(x + dot_turned(UNIT[0], corner, heading) - p, y + dot_turned(UNIT[1], corner, heading) - q)

@@ -5,9 +5,9 @@ the nodes between them (`sdhj.solver.hopf_lax` says how, and what for).
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -235,19 +235,25 @@ def operations(grid: Grid, low: FloatArray, high: FloatArray) -> float:
     return A_READ * reads * grid.size
 
 
+def one_by_one(groups: Iterable[Any]) -> Iterator[tuple[int, FloatArray]]:
+    """Yield (j, the values of box, or input, j) for each j of groups, one after the other; `EIGHT` are computed at a
+    time.
+
+    groups : `Maxima`, or `sdhj.solver.games.Pieces`.
+    """
+    for some in groups:
+        for begin in range(0, some.number, EIGHT):
+            yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
+
+
 def maximum_over_boxes(
-    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str, wanted: Nodes | None = None
+    grid: Grid, values: FloatArray, low: FloatArray, high: FloatArray, interpolation: str
 ) -> Iterator[tuple[int, FloatArray]]:
     """Yield (j, maximum of `values` over the box [x + low_j, x + high_j] around each node x) for j from 0 to L - 1.
 
-    The maxima have the grid's shape, or that of the `wanted` nodes.
-
     values (*shape) : at the nodes. low, high (L, ndim) : in the axes' units. interpolation : one of `INTERPOLATIONS`.
-    wanted : for each axis a slice of the nodes at which maxima are wanted; by default all.
     """
-    for some in maxima(grid, values, low, high, interpolation, wanted):
-        for begin in range(0, some.number, EIGHT):
-            yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
+    return one_by_one(maxima(grid, values, low, high, interpolation))
 
 
 def crossings(half: FloatArray) -> FloatArray:
@@ -279,10 +285,8 @@ def maximum_over_segments(grid: Grid, values: FloatArray, halves: FloatArray, in
     raised, wide = np.pad(out_of_danger(grid, values), [(n, n) for n in past], "edge"), grid.extended(past)
     for half in halves[np.abs(halves).any(axis=1)]:
         points, most = crossings(half / grid.spacing) * grid.spacing, None
-        for some in maxima(wide, raised, points, points, interpolation):
-            for begin in range(0, some.number, EIGHT):
-                found = some.of(slice(begin, begin + EIGHT)).max(axis=0)
-                most = found if most is None else np.maximum(most, found, out=most)
+        for _, found in maximum_over_boxes(wide, raised, points, points, interpolation):
+            most = found if most is None else np.maximum(most, found, out=most)
         raised = np.asarray(most)
     return raised[tuple(slice(n, n + inner) for n, inner in zip(past, grid.shape, strict=True))]
 

@@ -15,6 +15,7 @@ import numpy as np
 from sdhj.formulas.derivative import linear
 from sdhj.formulas.formula import BlackBox, Ends, Formula, compare, with_checked_zeros
 from sdhj.formulas.graph import Node, constant, leaf, leaves, ordered
+from sdhj.formulas.remembering import Remembering
 from sdhj.formulas.text import MOST_LINES
 from sdhj.formulas.tracing import parameter, points_of, rows_for, traced
 from sdhj.kernels import FloatArray, kept, read_only
@@ -278,7 +279,7 @@ def _constants(name: str, array: FloatArray, ndim: int) -> Formula:
 
 
 @dataclass(frozen=True, eq=False)
-class VectorField:
+class VectorField(Remembering):
     """The dynamics of a problem as formulas or black boxes: `problem.dynamics`, which `Dynamics.read` makes.
 
     It evaluates velocities (`velocity_at`, `drift_at`, `gain_at`), bounds them (`velocity_bounds`, `extremes`), and
@@ -293,19 +294,6 @@ class VectorField:
     gain: Formula | BlackBox | None  # (L, ndim, D); None where v does not enter linearly
     bounds: Formula  # (L, D), half-widths of the box of v, whatever the state, which scales the gain instead
     pieces: int = CUTS  # as in `Dynamics`
-    _derived: dict[Any, Formula] = field(default_factory=dict, init=False, repr=False)  # of `made_once`, by its keys
-
-    def made_once(
-        self, key: tuple[Any, ...], function: Callable[..., Any], coordinates: int, parameters: int = 1
-    ) -> Formula:
-        """`Formula.traced(name, function, coordinates, parameters)`, made once for each key, whose first entry is the
-        name.
-
-        The key must tell apart all functions that are asked for.
-        """
-        if key not in self._derived:
-            self._derived[key] = Formula.traced(key[0], function, coordinates, parameters)
-        return self._derived[key]
 
     @property
     def parts(self) -> list[Any]:
@@ -528,11 +516,8 @@ class VectorField:
         index : of the number in the flattened results, (ndim,), (ndim, D) or (2, ndim). Only where the dynamics have no
         black box; "gain" and "extremes" only where v enters linearly.
         """
-        known, key = self._derived, (name, j, index)
-        if key not in known:
-            found = (self.extremes_of if name == "extremes" else self.each[name])[j]
-            known[key] = replace(found, outputs=(found.outputs[index],), shape=())
-        return known[key]
+        found = (self.extremes_of if name == "extremes" else self.each[name])[j]
+        return self.remembered((name, j, index), lambda: replace(found, outputs=(found.outputs[index],), shape=()))
 
     def drift_at(self, points: Any, j: int, t: Any = 0.0) -> Any:
         """Velocity under input j (an index) with v = 0, at points (M, ndim) and time t in s: (M, ndim).
@@ -587,19 +572,15 @@ class VectorField:
 
         Bounds that do not depend on time are evaluated once for each input.
         """
-        if j in self._still_bounds:
-            return self._still_bounds[j].copy()
+        known: dict[int, FloatArray] = self.remembered("bounds", dict)
+        if j in known:
+            return known[j].copy()
         bounds = self.each["bounds"][j](np.zeros((1, self.ndim)), t)[0]
         if (bounds < 0).any():
             raise ValueError(f"bounds must be half-widths >= 0, got {bounds.tolist()} at t = {t:g}")
         if not self.bounds.depends_on_time:
-            self._still_bounds[j] = read_only(bounds.copy())
+            known[j] = read_only(bounds.copy())
         return bounds
-
-    @cached_property
-    def _still_bounds(self) -> dict[int, FloatArray]:
-        """The half-widths (D,) that `bounds_at` has found, by input; it fills them in unless they depend on time."""
-        return {}
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
@@ -670,9 +651,8 @@ class VectorField:
         ]
         pieces, found = np.array([*product(*map(pairwise, nodes))]), np.full((len(points), len(directions)), -np.inf)
         for v in np.array_split(pieces, 1 + len(points) * len(pieces) // AT_ONCE):
-            low, high = (
-                np.hstack([np.repeat(points, len(v), 0), np.tile(v[..., i], (len(points), 1))]) for i in (0, 1)
-            )
+            states = np.repeat(points, len(v), 0)
+            low, high = (np.hstack([states, np.tile(v[..., i], (len(points), 1))]) for i in (0, 1))
             least, most = self._with_disturbance[j].bounds(low, high, (t, t))
             reach = (least + most) / 2 @ directions.T + (most - least) / 2 @ np.abs(directions).T
             found = np.maximum(found, reach.reshape(len(points), len(v), -1).max(axis=1))
@@ -709,7 +689,7 @@ class VectorField:
             pushes = gain * bounds[:, None] * np.array(signs)
             return reduce(np.add, np.moveaxis(pushes, 2, 0), drift)
 
-        return self.made_once(("velocity", "at a vertex", j, signs), velocity, self.ndim)
+        return self.remembered(("at a vertex", j, signs), lambda: Formula.traced("velocity", velocity, self.ndim))
 
     def _declared(self, j: int, low: FloatArray, high: FloatArray, time: Times, signs: Signs) -> Ends:
         """As `velocity_bounds`, where drift or gain is a black box: bounds by what is declared, rounded outward.

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sdhj.formulas.arrays import Traced
+from sdhj.formulas.remembering import Remembering
 from sdhj.kernels import FloatArray, kept, read_only
 from sdhj.kernels.interpolation import SLACK, Lattice, interpolate, wrap
 from sdhj.problem.checks import number, points_array, sequence, whole
@@ -29,7 +30,7 @@ PIECE = 2**16  # nodes at which functions are sampled at a time: their intermedi
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(Remembering):
     """A rectangular grid of 1 to 6 axes, one for each coordinate of the state.
 
     Parameters
@@ -254,9 +255,7 @@ class Grid:
         >>> sdhj.Grid([0.0, -1.0], [1.0, 1.0], [6, 5]).subgrid([1]).shape
         (5,)
         """
-        if tuple(axes) not in self._subgrids:
-            self._subgrids[tuple(axes)] = self._subgrid(axes)
-        return self._subgrids[tuple(axes)]
+        return self.remembered(("subgrid", *axes), lambda: self._subgrid(axes))
 
     def _subgrid(self, axes: Sequence[int]) -> "Grid":
         """A new grid of these axes, with their padding: what `subgrid`, which keeps it, returns."""
@@ -268,21 +267,6 @@ class Grid:
     def _by_axis(self) -> tuple[Sequence[Any], ...]:
         """Lower, upper, shape, periodic, names, ends and padding, each with one entry for each axis."""
         return self.lower, self.upper, self.shape, self.periodic, self.names, self.ends, self.padding
-
-    @cached_property
-    def _subgrids(self) -> "dict[tuple[int, ...], Grid]":
-        """{tuple of axes: the grid that `subgrid` has made of them}, filled by it."""
-        return {}
-
-    @cached_property
-    def _ends_where(self) -> dict[tuple[str, ...], FloatArray]:
-        """{tuple of fates: the array that `ends_where` has returned}, filled by it."""
-        return {}
-
-    @cached_property
-    def _faces(self) -> dict[tuple[str, ...], tuple[FloatArray, FloatArray]]:
-        """{tuple of fates: the two arrays that `faces` has returned}, filled by it."""
-        return {}
 
     @property
     def padding(self) -> tuple[tuple[int, int], ...]:
@@ -404,7 +388,7 @@ class Grid:
         fates : names of fields of `End`, "fails", "holds" or "frees"; all False without any. False on periodic axes.
         Made once for each tuple of fates.
         """
-        if fates not in (cache := self._ends_where):
+        if fates not in (cache := self.remembered("ends", dict)):
             such = [[any(getattr(ENDS[end], fate) for fate in fates) for end in ends] for ends in self.ends]
             cache[fates] = read_only(np.array(such).T & ~np.array(self.periodic))
         return cache[fates]
@@ -416,7 +400,7 @@ class Grid:
         Where the grid has a `padding`, the end is where this begins, not where the nodes end. Read-only, made once for
         each tuple of fates.
         """
-        if fates not in (cache := self._faces):
+        if fates not in (cache := self.remembered("faces", dict)):
             low, high = self.ends_where(*fates)
             past = np.array(self.padding).T * self.spacing
             low = np.where(low, self.lower + past[0], -np.inf)

@@ -273,8 +273,8 @@ class Interval:
         if not self.dynamics.formulas:
             return function
         grid = self.grid
-        key = "where the state moves to", *what, grid.lower, grid.upper, grid.periodic, grid.ends
-        return self.dynamics.made_once(key, function, coordinates, parameters)
+        key, name = (*what, grid.lower, grid.upper, grid.periodic, grid.ends), "where the state moves to"
+        return self.dynamics.remembered(key, lambda: Formula.traced(name, function, coordinates, parameters))
 
     def displacements(self, states: FloatArray) -> FloatArray:
         """Where every input takes each state (M, ndim) in the interval without an adversary, relative to it: (M, L,

@@ -46,10 +46,8 @@ MOST_TEXT = 1 << 16  # bytes of a YAML file, and of the header of a PGM
 MOST_NESTED = 100  # brackets within one another in a YAML file
 MOST_PICTURE = 1 << 27  # bytes of a picture
 FORMATS = ("PPM", "PNG", "BMP")  # that map servers write
-MOST_CHUNKS, SHORT_CHUNK = (
-    100,
-    256,
-)  # of a PNG beside those of its pixels, and bytes of a chunk that counts as one of these
+MOST_CHUNKS = 100  # of a PNG beside those of its pixels
+SHORT_CHUNK = 256  # bytes: a chunk of pixels with fewer counts as one of these, too
 _GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _SIZE = _GAP + rb"([0-9]{1,9})" + _GAP + rb"([0-9]{1,9})"
 HEADER = re.compile(rb"P(?:[14]%b|[2356]%b%b([0-9]{1,5}))\s" % (_SIZE, _SIZE, _GAP))

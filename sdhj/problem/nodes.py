@@ -110,19 +110,14 @@ def closed(grid: Grid, values: FloatArray, size: float = 1.0) -> FloatArray:
     """
     inside = np.nonzero(values <= 0.0)
     level, steps = values[inside], [(axis, by) for axis in range(grid.ndim) for by in (-1, 1)]
-    near = [
-        _values_beyond(grid, values, inside, axis, by) for axis, by in steps
-    ]  # NaN past an end, which nothing finds
+    near = [_values_beyond(grid, values, inside, *one) for one in steps]  # NaN past an end, which nothing finds
     flat = (level >= -HAIR * size) & ~np.any([one < level for one in near], axis=0)
     at_boundary = flat & np.any([one > 0.0 for one in near], axis=0)
     out = np.where(values == 0.0, -ON_BOUNDARY * size, values)
     if not at_boundary.any():
         return out
-    at, depth, fallen = (
-        tuple(index[at_boundary] for index in inside),
-        out[inside][at_boundary],
-        np.zeros(np.count_nonzero(at_boundary)),
-    )
+    at = tuple(index[at_boundary] for index in inside)
+    depth, fallen = out[at], np.zeros(np.count_nonzero(at_boundary))
     for (axis, by), first in zip(steps, near, strict=True):
         first, second = first[at_boundary], _values_beyond(grid, values, at, axis, 2 * by)
         drop, rate = first - level[at_boundary], second - first

@@ -9,9 +9,7 @@ import numpy as np
 from sdhj.formulas.formula import Formula, restored
 from sdhj.formulas.text import CLOSE, FORMAT, alike
 from sdhj.kernels import FloatArray
-from sdhj.problem.describing import arrays_of as arrays_of
 from sdhj.problem.describing import blackbox_values
-from sdhj.problem.describing import described as described
 from sdhj.problem.dynamics import CUTS, VectorField
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.problem.sets import TargetSet, UnsafeSet

@@ -1,6 +1,6 @@
 """A problem's level-set functions, of target and unsafe sets, at the nodes of its grid and at any state."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -64,10 +64,6 @@ class Sampled(Statement):
             return self
         known = {one.name: getattr(self, one.name) for one in fields(Statement) if one.init}
         return OnWindow(**known | {"grid": grid}, whole=self)
-
-    def pieces(self) -> "Iterator[Sampled]":
-        """Yield the problem on each of `Grid.pieces`, windows small enough to sample functions on."""
-        return map(self.on, self.grid.pieces())
 
     def sample(self, axes: Sequence[int], function: Callable[[FloatArray], FloatArray], name: str) -> FloatArray:
         """Values of a level-set function of points (M, len(axes)) at the nodes of the subgrid of these axes, float64.
@@ -171,11 +167,7 @@ class Sampled(Statement):
         t, jitter, grid = self.time(step), self.sensing.jitter, self.grid
         values = self.target_at(t)
         for unsafe_set in (one for one in self.unsafe if one.inputs is None):
-            g = (
-                self.unsafe_over(unsafe_set, t - jitter, t + jitter)
-                if jitter and unsafe_set.moving
-                else self.unsafe_at(unsafe_set, t)
-            )
+            g = self.unsafe_over(unsafe_set, t - jitter, t + jitter) if jitter else self.unsafe_at(unsafe_set, t)
             outside = -grid.lift(g, unsafe_set.axes)
             fits = outside.shape == np.broadcast_shapes(values.shape, outside.shape)
             values = np.maximum(values, outside, out=outside if fits else None)  # fresh memory takes ten times as long
@@ -189,16 +181,12 @@ class Sampled(Statement):
 
         -inf where there is no target. The samples of a target that does not move are kept if they are at most `SMALL`.
         """
-        grid, target = self.grid, self.target
+        target = self.target
         if self.has_no_target:
-            return np.full((1,) * grid.ndim, -np.inf)
-
-        def sample() -> FloatArray:
-            """The target's level-set function at the nodes of the subgrid of its axes."""
-            return self.sample(target.axes, lambda points: target.level_set(points, t), target.name)
-
-        large = grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
-        return grid.lift(sample() if large else self._kept_samples(target, sample), target.axes)
+            return np.full((1,) * self.grid.ndim, -np.inf)
+        sample = partial(self.sample, target.axes, lambda points: target.level_set(points, t), target.name)
+        large = self.grid.subgrid(target.axes).size > SMALL  # then it would take as much memory as a tube
+        return self.grid.lift(sample() if large else self._kept_samples(target, sample), target.axes)
 
     def value_of(self, part: TargetSet | UnsafeSet, points: FloatArray, t: float) -> FloatArray:
         """Level-set function of one set at states (M, ndim) and time t, s, without interpolation: (M,).

@@ -22,9 +22,8 @@ from sdhj.problem.maps import map_distance
 from sdhj.problem.polygons import polygon_level_set
 
 VIEW_TIMES = ("swept", "sampled", "instantaneous")
-STEEP = (
-    10.0  # factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
-)
+# factor inside sets of sampling="steep": in figures/studies/maze.py 3 loses 2 % of the starts, 5 1 %, 10 none
+STEEP = 10.0
 SUBSAMPLES = 20  # of one sampling interval, for view_time="sampled" (Sec. 6.2.1)
 
 # Level-set value. All arithmetic on the grid is homogeneous of degree 1 in it, so that rounding hangs on no magnitude;

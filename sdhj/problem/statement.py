@@ -224,9 +224,8 @@ class Statement(Remembering):
             | ({} if p.inputs is None else {"inputs": list(p.inputs)})
             for p in self.unsafe
         ]
-        target = (
-            [] if self.has_no_target else [{"name": self.target.name, "kind": "target", "axes": list(self.target.axes)}]
-        )
+        if not self.has_no_target:
+            sets.insert(0, {"name": self.target.name, "kind": "target", "axes": list(self.target.axes)})
         return {
             "delta": self.delta,
             "steps": self.steps,
@@ -234,5 +233,5 @@ class Statement(Remembering):
             "grid": {name: getattr(self.grid, name) for name in LAYOUT},
             "inputs": self.inputs.tolist(),
             "sensing": self.sensing.entry_in_head,
-            "sets": target + sets,
+            "sets": sets,
         }

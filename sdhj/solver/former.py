@@ -17,18 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from sdhj.formulas.formula import Formula
+from sdhj.formulas.formula import BlackBox, Formula
 from sdhj.kernels import FloatArray
 from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
+from sdhj.problem.sets import TargetSet, UnsafeSet
 from sdhj.table.keeping import Kept, Meaning
 from sdhj.table.table import LookupTable
 
 PLANE = 2  # axes of a plane
 
 
-def meaning(function: Any) -> Meaning:
+def meaning(function: Formula | BlackBox | None) -> Meaning:
     """A hashable key of what a function computes: functions with equal keys have equal values, to the last bit.
 
     A black box has a new key at each call, which equals no other; None has the key ().
@@ -38,7 +39,7 @@ def meaning(function: Any) -> Meaning:
     return function.meaning if isinstance(function, Formula) else (object(),)
 
 
-def meaning_of_set(part: Any) -> Meaning:
+def meaning_of_set(part: TargetSet | UnsafeSet) -> Meaning:
     """A hashable key of an unsafe set or a target: its axes, sampling, inputs and functions, but not its name."""
     how = getattr(part, "sampling", ""), getattr(part, "inputs", None)
     return part.axes, *how, meaning(part.level_set), meaning(getattr(part, "swept", None))
@@ -231,15 +232,12 @@ class Former:
         self.table, self.problem, was = table, problem, table.problem
         self.kept = table.reusable or Kept(None)
         self.alike = self.kept.method == method and meaning_around(was) == meaning_around(problem)
-        self.same_target = was.has_no_target == problem.has_no_target and (
+        both = was.has_no_target == problem.has_no_target  # a target, or none
+        self.same_target = both and (
             problem.has_no_target or meaning_of_set(was.target) == meaning_of_set(problem.target)
         )
         # the set that is safe for ever has no rows, and without a target they are made otherwise
-        self.entries_may_be_copied = (
-            self.alike
-            and was.has_no_target == problem.has_no_target
-            and not (was.has_no_target and table.details.get("endless"))
-        )
+        self.entries_may_be_copied = self.alike and both and not (was.has_no_target and table.details.get("endless"))
         self.keys = [(danger.moves, self.key(danger)) for danger in dangers]
         self.avoid_tubes_by_danger: dict[Meaning, list[FloatArray]] = {}
         self.frame_solutions: dict[tuple[int, int], FloatArray] = {}

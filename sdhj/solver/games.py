@@ -23,7 +23,7 @@ import numpy as np
 from sdhj.kernels import FloatArray
 from sdhj.kernels.compiling import FEW
 from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, crossings, maxima, operations, out_of_danger
+from sdhj.problem.boxes import Maxima, crossings, maxima, one_by_one, operations, out_of_danger
 from sdhj.problem.cost import CALL, tick
 from sdhj.problem.grid import Grid
 from sdhj.problem.interval import INSTANTS, ROUNDING, Interval, Velocities, narrowed
@@ -285,9 +285,7 @@ class _OnAxes:
         Phi_j is at the begin of the interval from `step`; {values <= 0}, values (*shape), is the set to be in at its
         end.
         """
-        for some in self.grouped_reach_sets(values, step):
-            for begin in range(0, some.number, EIGHT):
-                yield from enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin)
+        return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
         """The avoid tubes of an unsafe set over the interval from a step: (L, *subgrid of problem.avoid_axes), new."""
@@ -798,10 +796,8 @@ class HopfLaxGames(_OnAxes):
         for interval in (problem.interval(step) for step in range(problem.steps if timed else 1)):
             for t in interval.begin + self.duration * (INSTANTS if timed else INSTANTS[:1]):
                 speed = np.maximum(speed, np.abs(interval.extremes(float(t))).max(axis=(0, 1)))
-            end = self.duration
-            whole, first, second = (
-                np.array(interval.displacement_boxes(*s)) for s in ((0, end), (0, end / 2), (end / 2, end))
-            )
+            parts = (0, self.duration), (0, self.duration / 2), (self.duration / 2, self.duration)
+            whole, first, second = (np.array(interval.displacement_boxes(*part)) for part in parts)
             if (np.abs(whole - first - second) > np.array(problem.grid.spacing) / 100).any():
                 raise too_restless_error(self.duration)
         self.cells = checked_travel(problem.grid, speed, self.duration)
@@ -911,10 +907,8 @@ class HopfLaxGames(_OnAxes):
         axes : the axes of the problem's grid along which displacements are returned, in this order.
         ends : s from the interval's begin, ascending, at least one.
         """
-        boxes, halves = (
-            np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes],
-            interval.segments(axes),
-        )
+        boxes = np.array([interval.displacement_boxes(0.0, end) for end in ends])[..., axes]
+        halves = interval.segments(axes)
         farthest = np.array(ends)[:, None, None] * np.abs(halves).sum(axis=1)
         low, high = narrowed(boxes[:, 0], boxes[:, 1], farthest)
         return Moved(low.min(axis=0), high.max(axis=0), ends[-1] * halves)

@@ -69,13 +69,11 @@ def gaps(problem: ReachAvoidProblem, shifted: bool) -> str:
         if 1 < factor < math.inf:
             ends = not grid.periodic[axis]
             nodes.append(f"{math.ceil((grid.shape[axis] - ends) * factor) + ends:,} nodes along {grid.names[axis]}")
-    known, (pushes, widths) = (
-        " and ".join(grid.names[axis] for axis in short),
-        (" and ".join(f"{cells[axis][which]:.2g}" for axis in short) for which in (0, 1)),
-    )
+    along = " and ".join(grid.names[axis] for axis in short)
+    pushes, widths = (" and ".join(f"{cells[axis][which]:.2g}" for axis in short) for which in (0, 1))
     lax = "sdhj.HopfLax(), which needs fewer nodes; " if not shifted and problem.dynamics.stateless else ""
     return (
-        f"The tubes may be separate pieces along {known}, because a step is longer than the target is thick, and the "
+        f"The tubes may be separate pieces along {along}, because a step is longer than the target is thick, and the "
         f"grid fills the gaps between them: the disturbance pushes {pushes} cells in a step, and the gaps are {widths} "
         "cells wide, which should be {:g} and {:g}. What helps: ".format(*ENOUGH[shifted])
         + (f"{' and '.join(nodes)}; " if nodes else "")

@@ -36,8 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sdhj.kernels import FloatArray
-from sdhj.kernels.union import EIGHT
-from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments
+from sdhj.problem.boxes import Maxima, Nodes, maxima, maximum_over_segments, one_by_one
 from sdhj.problem.grid import Grid
 
 
@@ -94,8 +93,6 @@ def maximum_over_paths(
     found: dict[int, FloatArray] = {}
     for one, other in pairwise(path):
         both = Moved(np.minimum(one.low, other.low), np.maximum(one.high, other.high), one.halves)
-        for some in maxima_over_sets(grid, values, both, interpolation, wanted):
-            for begin in range(0, some.number, EIGHT):
-                for j, most in enumerate(some.of(slice(begin, begin + EIGHT)), some.first + begin):
-                    found[j] = np.maximum(found.get(j, most), most)
+        for j, most in one_by_one(maxima_over_sets(grid, values, both, interpolation, wanted)):
+            found[j] = np.maximum(found.get(j, most), most)
     yield from found.items()

@@ -33,7 +33,7 @@ from sdhj.formulas.formula import BlackBox
 from sdhj.kernels import FloatArray
 from sdhj.kernels.boxes import maximum_along
 from sdhj.kernels.union import PAST
-from sdhj.problem.boxes import Maxima
+from sdhj.problem.boxes import Maxima, one_by_one
 from sdhj.problem.checks import Options
 from sdhj.problem.findings import Finding, ProjectionWarning, tell
 from sdhj.problem.problem import ReachAvoidProblem
@@ -192,8 +192,7 @@ class ProjectedGames:
 
     def reach(self, values: FloatArray, step: int) -> Iterator[tuple[int, FloatArray]]:
         """Yield (j, Phi_j (*shape)) for every input in turn, on the whole grid: inside the true reach set."""
-        for some in self.grouped_reach_sets(values, step):
-            yield from enumerate(some.of())
+        return one_by_one(self.grouped_reach_sets(values, step))
 
     def avoid(self, unsafe_set: UnsafeSet, step: int) -> FloatArray:
         """The avoid tubes of an unsafe set over the interval from a step, inside the true ones.
@@ -348,11 +347,8 @@ class ProjectedSets(GridSets):
             dropped = [axis for axis in range(problem.grid.ndim) if axis not in axes]
             if share == 0.0:
                 lost = [axis for axis in dropped if axis in problem.target.axes]
-                cause = (
-                    f"the target depends on {_names_joined(names, lost)}"
-                    if lost
-                    else f"everywhere in the target some value of {_names_joined(names, dropped)} is unsafe"
-                )
+                cause = f"everywhere in the target some value of {_names_joined(names, dropped)} is unsafe"
+                cause = f"the target depends on {_names_joined(names, lost)}" if lost else cause
                 cause = (
                     f"dropping {_names_joined(names, dropped)} leaves nothing of the target: the projected target has "
                     f"to be reached for every value of what was dropped, but {cause}; "

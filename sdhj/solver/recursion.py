@@ -84,11 +84,8 @@ def unsettled_finding(problem: ReachAvoidProblem, steps: int, share: float) -> F
     steps : after how many steps the solve ended.
     share : the part of the nodes or cells, 0 to 1, that the last of these steps still changed.
     """
-    holds = (
-        "the tube is safe for so many steps, not for ever"
-        if problem.has_no_target
-        else "the tubes hold for so many steps"
-    )
+    holds = "the tube is safe for so many steps, not for ever"
+    holds = holds if problem.has_no_target else "the tubes hold for so many steps"
     return Finding(
         f"after {steps:,} steps {share:.2%} of the nodes or cells had still changed in the last: {holds}. ",
         share,
@@ -360,10 +357,8 @@ def _rows(plan: Plan, arrays: Memory | Store, task: Task) -> tuple[InputRows, in
             joint = getattr(plan.whole_games, "joint", False) and not problem.grid.has("fails")
             plan.kept["rows"] = InputRows(problem.grid, no_avoid_tubes(problem, plan.dtype) if joint else arrays.avoid)
         return plan.kept["rows"], task.step
-    static, moving = (
-        arrays.read(name, position, layout.runs(name, task.slab))
-        for name, position in (("avoid_static", 0), ("avoid_moving", task.step))
-    )
+    static = arrays.read("avoid_static", 0, layout.runs("avoid_static", task.slab))
+    moving = arrays.read("avoid_moving", task.step, layout.runs("avoid_moving", task.slab))
     return InputRows(plan.slab(task.slab), AvoidTubes(axes[0], static, axes[1], moving[None])), 0
 
 

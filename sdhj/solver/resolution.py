@@ -157,17 +157,12 @@ def _seams(grid: Grid, most: int) -> "list[tuple[int, FloatArray, FloatArray]]":
     rng, found = np.random.default_rng(0), list[tuple[int, FloatArray, FloatArray]]()
     for axis in np.flatnonzero(grid.periodic).tolist():
         sides = [grid.nodes(k) if k != axis else np.zeros(1) for k in range(grid.ndim)]
-        few = np.prod([len(side) for side in sides]) <= most
-        nodes = (
-            np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, grid.ndim) if few else np.zeros((0, 1))
-        )
-        drawn = [rng.choice(side, most) for side in sides]
-        more = np.where(
-            rng.random((most, grid.ndim)) < 0.5,
-            np.stack(drawn, axis=1),
-            rng.uniform(grid.lower, grid.upper, (most, grid.ndim)),
-        )
-        points = np.concatenate([nodes, more]) if few else more
+        drawn = np.stack([rng.choice(side, most) for side in sides], axis=1)
+        at_nodes = rng.random((most, grid.ndim)) < 0.5
+        points = np.where(at_nodes, drawn, rng.uniform(grid.lower, grid.upper, (most, grid.ndim)))
+        if np.prod([len(side) for side in sides]) <= most:
+            nodes = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, grid.ndim)
+            points = np.concatenate([nodes, points])
         before, after = points.copy(), points
         before[:, axis], after[:, axis] = np.nextafter(grid.upper[axis], grid.lower[axis]), grid.lower[axis]
         found.append((axis, before, after))
@@ -230,14 +225,8 @@ def _turning_over_finding(problem: "ReachAvoidProblem", t: float) -> Finding | N
 def _nowhere_finding(problem: "ReachAvoidProblem", unsafe_set: "UnsafeSet") -> Finding | None:
     """The finding that no node is in an unsafe set, in any of `SPANS` intervals if it moves; None where one is."""
     steps = np.unique(np.linspace(0, problem.most_steps - 1, SPANS if unsafe_set.moving else 1).astype(int)).tolist()
-    for step in steps:
-        g = (
-            problem.unsafe_over(unsafe_set, *problem.span(step))
-            if unsafe_set.moving
-            else problem.unsafe_at(unsafe_set, 0.0)
-        )
-        if (g <= 0).any():
-            return None
+    if any((problem.unsafe_over(unsafe_set, *problem.span(step)) <= 0).any() for step in steps):
+        return None
     return Finding(
         f"the unsafe set {unsafe_set.name!r} is nowhere on the grid, so nothing keeps clear of it: ",
         0.0,
@@ -441,11 +430,8 @@ def check_crossing(problem: "ReachAvoidProblem", crossed: float) -> None:
     crossed : that number. Too many are more than `TURNS` times the sum of the numbers of nodes of all axes.
     """
     if crossed > TURNS * sum(problem.grid.shape):
-        tell(
-            Finding(
-                f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all "
-                f"axes together have {sum(problem.grid.shape):,}; ",
-                crossed,
-                "check the units of delta and of the velocities",
-            )
+        cause = (
+            f"in a sampling interval of {problem.delta:g} s the state crosses up to {crossed:,.0f} cells, and all axes "
+            f"together have {sum(problem.grid.shape):,}; "
         )
+        tell(Finding(cause, crossed, "check the units of delta and of the velocities"))

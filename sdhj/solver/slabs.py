@@ -25,6 +25,7 @@ from sdhj.problem.boxes import nodes_read
 from sdhj.problem.grid import Grid
 from sdhj.problem.problem import ReachAvoidProblem
 from sdhj.solver.avoid import Danger
+from sdhj.solver.former import Former
 from sdhj.solver.games import KEPT, Axes, Games, HJIGames, HopfLaxGames
 from sdhj.solver.schemes import Scheme
 from sdhj.table.store import Arrays, Runs, Shapes, Slab
@@ -87,7 +88,7 @@ class Plan:
     width: int = 0
     halo: int = 0
     counted: Mapping[Axes, Any] = field(default_factory=dict)
-    former: Any = None
+    former: Former | None = None
     kept: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __reduce__(self) -> Any:  # without what was kept
@@ -199,7 +200,7 @@ def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[A
     if method.name != "hji" or problem.dynamics.stateless:
         return {}
     most = np.zeros(len(problem.inputs), np.int64)
-    for piece in problem.pieces():
+    for piece in map(problem.on, problem.grid.pieces()):  # small enough to sample functions on
         games = method.on(piece)
         grid, cfl = piece.grid.subgrid(axes), method.scheme.cfl
         most = np.maximum(
@@ -208,7 +209,7 @@ def time_steps(method: Any, problem: ReachAvoidProblem, axes: Axes) -> Mapping[A
     return {axes: most.tolist()}
 
 
-def reach_halo(games: Any, axis: int, counted: Mapping[Axes, Any]) -> int:
+def reach_halo(games: Any, axis: int, counted: Mapping[Axes, list[int]]) -> int:
     """How many nodes on both sides of a slab, along `axis`, reach games read, and so need for right values on it.
 
     games : those of the whole grid. counted : what `time_steps` returned for their axes, or {}.

@@ -506,10 +506,8 @@ class Table:
         step : k, from 0 to N - 1; not checked.
         """
         problem, interval, ends = self.problem, self.problem.interval(step), []
-        still, (longest, early) = (
-            np.zeros((len(points), problem.dynamics.disturbance_dim)),
-            problem.sensing.hold(problem.delta),
-        )
+        still = np.zeros((len(points), problem.dynamics.disturbance_dim))
+        longest, early = problem.sensing.hold(problem.delta)
         for length in sorted({longest, longest - early}):
             states = points
             for part in range(STRIDES):

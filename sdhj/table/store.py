@@ -166,12 +166,7 @@ class Shapes:
 
         That is (*shape), (bytes, *shape), or (L, *subgrid).
         """
-        return self._entry_shapes[array]
-
-    @cached_property
-    def _entry_shapes(self) -> dict[str, tuple[int, ...]]:
-        """`entry_shape` of each array, by its name; computed once."""
-        return {one: (*self.leading_shape(one), *(self.shape[axis] for axis in self.axes(one))) for one in NAMES}
+        return *self.leading_shape(array), *(self.shape[axis] for axis in self.axes(array))
 
     def array_shape(self, array: str) -> tuple[int, ...]:
         """The shape of a whole array as a `LookupTable` has it: its entries, one after the other.

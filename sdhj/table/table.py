@@ -157,20 +157,6 @@ class LookupTable(Table):
 
     # ---- filling it in
 
-    @classmethod
-    def empty(cls, problem: ReachAvoidProblem, method: str, dtype: str, avoid: AvoidTubes) -> "LookupTable":
-        """A table to be filled in, tube by tube in the order of Theorem 2: k from N to 0, in a row n from 0 to N - k.
-
-        It has space for `most_tubes` of a dtype; space never written takes no memory. Tubes are undefined, and no input
-        is marked; the avoid tubes are those given, which have to be complete.
-        Write with `value_array` and `mark_array`, call `share` for entries that are equal to the one before, and
-        `finish` at the end.
-        """
-        index, tubes_kept = cls.unshared_index(problem), cls.most_tubes(problem)
-        tubes = np.empty((tubes_kept, *problem.grid.shape), dtype)
-        marks = np.zeros((tubes_kept, -(-len(problem.inputs) // 8), problem.grid.size), np.uint8)
-        return cls(problem, method, index, tubes, marks, avoid, {})
-
     @staticmethod
     def unshared_index(problem: ReachAvoidProblem) -> FloatArray:
         """The index (entries,) int64 of a table in which no tubes are shared: the position of each (start, within).

@@ -16,7 +16,7 @@ from sdhj.certified.check import verify
 from sdhj.certified.general_proof import GeneralProof, lattice_of
 from sdhj.kernels.packed import Cells, to_words
 from sdhj.kernels.pieces import move_on
-from sdhj.kernels.stencils import image_inside
+from sdhj.kernels.stencils import box_of_image, rows_inside
 
 HEADING = [[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]  # how fast the unicycle's velocity changes along each axis
 
@@ -319,7 +319,8 @@ def test_images_are_inside_as_plain_loops_say(rng):
         ]
         left = safely and (cell[0] + high[0] < -1 or cell[2] + low[2] > 7)
         expected = left or all(inside[at] for at in itertools.product(*each))
-        assert image_inside(cell, low, high, safe, cells, index, pool, room) == expected
+        total = box_of_image(cell, low, high, safe, cells, 3, room)
+        assert rows_inside(total, cells, index, pool, room) == expected
         found.append(expected)
     assert 50 < sum(found) < 250
 

@@ -5,7 +5,7 @@ import pytest
 
 import sdhj
 from sdhj.certified.check.formulas import read
-from sdhj.problem.restoring import arrays_of, described
+from sdhj.problem.describing import arrays_of, described
 
 
 def assigned(p, t):
