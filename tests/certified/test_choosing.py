@@ -189,11 +189,11 @@ def test_the_same_cells_everywhere_and_more_for_more_time():
 
 
 def test_cells_of_a_word_take_as_long_as_a_whole_one():
-    """Sets of README's car are packed along x, 64 cells in a word: 65 cells are two words, as 128 are, and 64 are one."""
+    """Sets of README's car are packed along x, 64 cells in a word: one cell more costs more than the next 63."""
     problem = replace(car(), steps=8)
     speeds = speeds_of(problem)
     seconds = [costs(problem, aligned(problem, (n, 40, 40)), 10, speeds)["recursion"] for n in (64, 65, 128)]
-    assert seconds[1] > 1.7 * seconds[0] and seconds[2] < 1.2 * seconds[1]
+    assert seconds[1] - seconds[0] > seconds[2] - seconds[1] > 0
     for asked in (0.3, 1.0):
         x, y, _ = chosen_cells(problem, 10, asked)
         assert y <= x <= 2 * y and in_whole_words(x) < 1.02 * x
