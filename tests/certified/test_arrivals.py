@@ -116,7 +116,9 @@ def test_a_box_that_sticks_out_of_the_target_is_found_at_its_corners(monkeypatch
     bounds = Bounds(sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[0.0]], np.zeros((1, 4))), target, [], 1.0, 1))
     low = np.random.default_rng(0).uniform(-1.2, 1.1, (500, 4))
     asked, level = [], Bounds.level
-    monkeypatch.setattr(Bounds, "level", lambda self, part, a, *more: asked.append(len(a)) or level(self, part, a, *more))
+    monkeypatch.setattr(
+        Bounds, "level", lambda self, part, a, *more: asked.append(len(a)) or level(self, part, a, *more)
+    )
     found = bounds.inside(target, low, low + 0.15, (0.0, 0.0), HALVINGS, MOST_PIECES)
     inside = ((low >= -1.0) & (low + 0.15 <= 1.0)).all(axis=1)
     assert np.array_equal(found, inside) and 0 < inside.sum() < 300
