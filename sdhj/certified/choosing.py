@@ -85,13 +85,22 @@ MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
-# unsafe ends; for an operation of a set and a box
-AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
+# unsafe ends, and where ends are safe, as each part of a tube may have left; for an operation of a set and a box
+AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, GONE, BOXED = (
+    1.6e-7,
+    2e-8,
+    1.3e-4,
+    5e-9,
+    4e-7,
+    1e-8,
+    1.5e-7,
+    1e-9,
+)
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
 NEAR, ARRIVAL = 8e-9, 1.2e-7
 # in the recursion, for a cell of an entry, and for its inputs and the rows of their images, where 64 cells are led at
 # once and where each is led by itself: of many most are done with at once, so the root of their number counts
-ENTRY, ROW, ROW_OF_A_CELL = 6e-9, 1.3e-9, 3e-9
+ENTRY, ROW, ROW_OF_A_CELL = 6e-9, 1.5e-9, 3e-9
 # for an input and 64 cells where these are looked at together, for a cell of an entry, for a cell and an input's bit
 WORD, IN_WORDS, BIT = 3e-9, 8e-9, 2e-9
 BLACK_BOX, LOOK_UP = 100, 50  # operations
@@ -613,6 +622,7 @@ def _cost_of_sets(
         each = CORNER * 2 ** len(unsafe_set.axes) + LINE_OF_CELLS / (free[-1] if free else 1)
         out += each * asked(unsafe_set.axes) * count * (times if unsafe_set.moving else starts)
         out += BOXED * boxes * _operations(unsafe_set.level_set)
+    out += GONE * cells * count * starts if problem.grid.has("frees") else 0.0
     unsafe = np.flatnonzero(np.isfinite(problem.grid.faces("fails")).any(axis=0))
     return out + (AT_ENDS * asked(unsafe) * count * starts if unsafe.size else 0.0)
 
