@@ -85,17 +85,9 @@ MOST_BYTES = 4_000_000_000  # without the sets that are found
 CORES = 1.6  # that two are worth
 # seconds, in `prepare`: for a piece of an interval and an axis of a box, an operation of the velocities, and all boxes;
 # for a cell, an input and a corner of the boxes of a set, and for a line of such cells; for a cell and an input at
-# unsafe ends, and where ends are safe, as each part of a tube may have left; for an operation of a set and a box
-AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, GONE, BOXED = (
-    1.6e-7,
-    2e-8,
-    1.3e-4,
-    5e-9,
-    4e-7,
-    1e-8,
-    1.5e-7,
-    1e-9,
-)
+# unsafe ends; for an operation of a set and a box
+AXIS, OPERATION, PIECE, CORNER, LINE_OF_CELLS, AT_ENDS, BOXED = 1.6e-7, 2e-8, 1.3e-4, 5e-9, 4e-7, 1e-8, 1e-9
+GONE = 1.5e-7  # for a cell and an input where ends are safe, as a tube may have left before it meets a set
 # for a cell, an input and an axis of the target, to see whether an image is near it; for an image that is
 NEAR, ARRIVAL = 8e-9, 1.2e-7
 # in the recursion, for a cell of an entry, and for its inputs and the rows of their images, where 64 cells are led at
