@@ -65,7 +65,7 @@ def test_no_state_of_a_cell_that_arrives_is_outside_the_target(name):
             continue
         for turned in (1.0, -1.0):
             states = np.where(rng.random(cells.shape) < 0.5, *ends)
-            push = rng.choice([-1.0, 1.0], (len(cells), problem.dynamics.adversaries))
+            push = rng.choice([-1.0, 1.0], (len(cells), problem.dynamics.disturbance_dim))
             for part in range(100):
                 t = problem.time(step) + problem.delta * part / 100
                 v = push * problem.dynamics.bounds_at(j, t) * (turned if part >= 50 else 1.0)
@@ -115,9 +115,9 @@ def test_a_box_that_sticks_out_of_the_target_is_found_at_its_corners(monkeypatch
     target = sdhj.TargetSet(every, lambda p, t: np.max(np.abs(p), axis=1) - 1.0)
     bounds = Bounds(sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[0.0]], np.zeros((1, 4))), target, [], 1.0, 1))
     low = np.random.default_rng(0).uniform(-1.2, 1.1, (500, 4))
-    asked, level = [], Bounds.level
+    asked, level = [], Bounds.bounds_of_level_set
     monkeypatch.setattr(
-        Bounds, "level", lambda self, part, a, *more: asked.append(len(a)) or level(self, part, a, *more)
+        Bounds, "bounds_of_level_set", lambda self, part, a, *more: asked.append(len(a)) or level(self, part, a, *more)
     )
     found = bounds.inside(target, low, low + 0.15, (0.0, 0.0), HALVINGS, MOST_PIECES)
     inside = ((low >= -1.0) & (low + 0.15 <= 1.0)).all(axis=1)
