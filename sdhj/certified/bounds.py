@@ -5,6 +5,7 @@ where an axis ends and where a periodic one closes, so that functions are bounde
 jump there. Where a function may be undefined its bounds are infinite, so nothing is proved.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -176,6 +177,9 @@ class Bounds:
             left = np.flatnonzero(
                 out[box] & (self.bounds_of_level_set(part, low, high, *times)[1] > 0.0)
             )  # obligation 9.12
+            if not turn:  # most that stick out do so at a corner, which pieces would find late
+                some = self._sticking_out(part, low[left], high[left], times)
+                out[box[left[some]]], left = False, left[~some]
             box, low, high, middle = box[left], low[left], high[left], middle[left]
             if turn == halvings or not left.size or left.size << low.shape[1] > most:
                 break
@@ -185,6 +189,21 @@ class Bounds:
                 low, high = np.concatenate([low, beyond]), np.concatenate([short, high])  # obligation 9.13
                 box, middle = np.tile(box, 2), np.concatenate([middle, middle])
         out[box] = False  # obligation 9.14
+        return out
+
+    def _sticking_out(
+        self, part: TargetSet | UnsafeSet, low: FloatArray, high: FloatArray, times: tuple[float, float]
+    ) -> FloatArray:
+        """Whether a level-set function is proved > 0 at some corner of each box (M, axes), at all times: (M,) bool.
+
+        part : the set. low, high : the corners of the boxes on its axes. times : the least and the greatest, s.
+        """
+        out = np.zeros(len(low), np.bool_)
+        for upper in itertools.product((False, True), repeat=low.shape[1]):
+            left = np.flatnonzero(~out)
+            if left.size:
+                corner = np.where(upper, high[left], low[left])
+                out[left] = self.bounds_of_level_set(part, corner, corner, *times)[0] > 0.0
         return out
 
 

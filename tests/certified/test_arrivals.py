@@ -7,6 +7,8 @@ import pytest
 from forged_robots import solved
 
 import sdhj
+from sdhj.certified.arrivals import HALVINGS, MOST_PIECES
+from sdhj.certified.bounds import Bounds
 
 
 def unaligned(target=0.0, pace=0.0, push=0.08, **given):
@@ -105,3 +107,19 @@ def test_arrivals_are_kept_in_a_file_and_older_files_have_none(tmp_path):
     states = np.linspace(-3.9, 3.9, 301)[:, None]
     assert np.array_equal(loaded.certified_inputs(states, 0, 2), table.certified_inputs(states, 0, 2))
     assert loaded.certified_inputs(states, 0, 3).any(axis=1).sum() >= loaded.contains(states).sum() - 2
+
+
+def test_a_box_that_sticks_out_of_the_target_is_found_at_its_corners(monkeypatch):
+    """Of a cube in four dimensions by comparing ends; pieces, 65,536 of a box, would be looked at for most of them."""
+    grid, every = sdhj.Grid([-2.0] * 4, [2.0] * 4, [5] * 4), (0, 1, 2, 3)
+    target = sdhj.TargetSet(every, lambda p, t: np.max(np.abs(p), axis=1) - 1.0)
+    bounds = Bounds(sdhj.ReachAvoidProblem(grid, sdhj.Dynamics([[0.0]], np.zeros((1, 4))), target, [], 1.0, 1))
+    low = np.random.default_rng(0).uniform(-1.2, 1.1, (500, 4))
+    asked, level = [], Bounds.bounds_of_level_set
+    monkeypatch.setattr(
+        Bounds, "bounds_of_level_set", lambda self, part, a, *more: asked.append(len(a)) or level(self, part, a, *more)
+    )
+    found = bounds.inside(target, low, low + 0.15, (0.0, 0.0), HALVINGS, MOST_PIECES)
+    inside = ((low >= -1.0) & (low + 0.15 <= 1.0)).all(axis=1)
+    assert np.array_equal(found, inside) and 0 < inside.sum() < 300
+    assert sum(asked) < (2 + 16) * len(low)
