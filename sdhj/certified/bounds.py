@@ -62,11 +62,11 @@ class Bounds:
     def fastest(
         self, side: int, axis: int, j: int, low: FloatArray, high: FloatArray, t0: float, t1: float
     ) -> FloatArray:
-        """The least (side 0) or the greatest (side 1) velocity along one axis under u_j in boxes (M, ndim): (M,).
+        """A bound from below (side 0) or from above (side 1) on the velocity along one axis in boxes (M, ndim): (M,).
 
-        It holds for all times from t0 to t1, s, and is the entry [side, :, axis] of `velocity`. Where the dynamics are
-        formulas of drift and gain, and the disturbance is not kept to vertices, the other components are not computed,
-        which is faster.
+        It is the entry [side, :, axis] of `velocity`: it holds for all times from t0 to t1, s, under the input that the
+        index j stands for, and is infinite where no bound is known. Where the dynamics are formulas of drift and gain,
+        and the disturbance is not kept to vertices, the other components are not computed, which is faster.
         """
         dynamics, grid = self.problem.dynamics, self.problem.grid
         if not dynamics.formulas or dynamics.gain is None or self.vertices is not None:
@@ -171,12 +171,10 @@ class Bounds:
         out, box = np.ones(len(low), np.bool_), np.arange(len(low))
         for turn in range(halvings + 1 if len(low) else 0):
             middle = (low + high) / 2
-            out[box[self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0]] = (
-                False  # at once, without cutting
-            )
-            left = np.flatnonzero(
-                out[box] & (self.bounds_of_level_set(part, low, high, *times)[1] > 0.0)
-            )  # obligation 9.12
+            above = self.bounds_of_level_set(part, middle, middle, *times)[0] > 0.0
+            out[box[above]] = False  # at once, without cutting
+            above = self.bounds_of_level_set(part, low, high, *times)[1] > 0.0  # obligation 9.12
+            left = np.flatnonzero(out[box] & above)
             if not turn:  # most that stick out do so at a corner, which pieces would find late
                 some = self._sticking_out(part, low[left], high[left], times)
                 out[box[left[some]]], left = False, left[~some]

@@ -374,8 +374,11 @@ class CertifiedTable(Table):
     def values(self, *, start: int = 0, within: int | None = None) -> FloatArray:
         """Certified steps to go minus `within` at the nodes of the problem's grid, shape grid.shape; <= 0 in the tube.
 
-        float32; without a target 0 in the tube and 1 outside. start, within : the tube (k, n), by default (0, N);
-        ValueError where `start` is not from 0 to N, or `within` below 0.
+        float32; N - start + 1 - within at nodes that are in no tube. A node that rounding may put into a cell counts as
+        in it. Without a target 0 in the tube and 1 outside.
+
+        start, within : the tube (k, n), by default (0, N); a larger `within` counts as N - start. ValueError where
+        `start` is not from 0 to N, or `within` below 0.
         """
         start, within = self.clipped(start, within)
         if self.problem.has_no_target:

@@ -161,12 +161,14 @@ def with_margins(planes: FloatArray, axis: CellAxis, far: int) -> FloatArray:
 
 
 def windows(lattice: Lattice, narrow: FloatArray, tubes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The first and the last box along each axis that tubes (..., d, 2) of cell 0 overlap: two arrays (..., d) int64.
+    """The numbers of the first and of the last box along each axis that tubes of cell 0 overlap: two (..., d) int64.
 
-    The tube of cell i overlaps those that lie `fine` i farther. 0 and 0 along the axes `alike`. On the others tubes are
-    looked up without what boxes are wider by; each overlaps at least one box.
+    Cell 0 has the boxes 0 to fine - 1; the tube of cell i overlaps those that lie `fine` i farther. 0 and 0 along the
+    axes `alike` of the lattice, where a box holds the whole tube. On the others a tube is made smaller by what boxes
+    are wider than their pieces (`Lattice.low`, `high`) and by `narrow`; each overlaps at least one box.
 
-    narrow (d,) : how far a tube may stick out of these boxes on both sides, which are widened by more than that.
+    tubes (..., d, 2) : how far the lower and the upper ends of cells move, as for `lattice_for`.
+    narrow (d,) : on both sides, in the axes' units; less than the `margin` of `boxes_in_words`, which makes up for it.
     """
     pitch = np.array([float(axis.width) for axis in lattice.axes]) / lattice.fine
     first = np.floor((tubes[..., 0] + lattice.low + narrow) / pitch).astype(np.int64)  # obligation 4.55

@@ -253,13 +253,17 @@ class Traced(NDArrayOperatorsMixin):
 
     @raising_not_traced
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        """The answer of a NumPy ufunc of traced arrays, made of nodes entry by entry; NumPy calls this method.
+        """The answer of a NumPy ufunc of traced arrays, made of a graph's nodes entry by entry.
+
+        A traced array or number; a pair of them for np.divmod. NumPy calls this method.
 
         ufunc : NumPy's. method : "__call__", "outer", or "reduce" for ufuncs in `REDUCED`. inputs : its arguments,
         traced or plain, which are broadcast. out : None, or a tuple of one traced array, into which the answer is
-        written in place. options : of these only `DEFAULTS`, and axis and keepdims of "reduce".
+        written in place; only None with "reduce" and np.divmod. options : of these only `DEFAULTS`, and axis and
+        keepdims of "reduce".
 
-        NotTraced for everything else, where the ufunc has no rule for these types, and for a list times a whole number.
+        NotTraced for everything else, where the ufunc has no rule for the types of the arrays, and for a list times a
+        whole number.
         """
         options = _without_defaults(options)
         if not isinstance(ufunc, np.ufunc):

@@ -210,9 +210,9 @@ class Formula(Remembering):
 
     @cached_property
     def operands_of_min(self) -> "tuple[Formula, ...]":
-        """The formulas, of one result each, whose minimum this one is, by its form; (self,) where it is no minimum.
+        """The different formulas whose minimum this one is, by its form; (self,) where it is no minimum.
 
-        Made once.
+        Minima within a minimum are opened up. Only for a formula with one result, which is not checked. Made once.
         """
         found, left = dict[Node, None](), [self.outputs[0]]
         while left:

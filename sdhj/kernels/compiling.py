@@ -402,9 +402,10 @@ def inlined(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def chosen(table: Mapping[Any, Callable[..., Any]]) -> Callable[..., Any]:
-    """A function for kernels that calls one of a table of `inlined` functions, which one being known when compiling.
+    """Make a function for kernels that calls one of the `inlined` functions {name: function} of a table.
 
-    Its first argument is `choice(table, name)`, a tuple whose length says which; the others are handed on.
+    Which one is decided when the kernel is compiled. Its first argument is `choice(table, name)`, a tuple whose length
+    says which; the others are handed on. The table is read once: what is added to it later is not seen.
     """
     functions = tuple(table.values())
 

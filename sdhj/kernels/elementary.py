@@ -78,7 +78,10 @@ def _cosine(r):
 
 @_inlined
 def sine(x, quarter_turns):
-    """sin(x + quarter_turns * pi/2): the sine for 0, the cosine for 1. NaN beyond TURNS quarter turns."""
+    """sin(x + quarter_turns * pi/2), quarter_turns a whole number: the sine for 0, the cosine for 1.
+
+    NaN where |x| is more than TURNS quarter turns.
+    """
     r, quarter = _reduced(x)
     quarter += quarter_turns
     value = _cosine(r) if quarter & 1 else _sine(r)

@@ -36,10 +36,14 @@ def guess_enclosure(start, moved, before, shift_invariant, shell, ends, enclosur
 
 @kernel(nogil=True)
 def sweep(ends, velocity, h, shift_invariant, shell, enclosure, out):
-    """Write to `out` what boxes `ends` sweep within h, s, and return whether all of it stays inside `enclosure`.
+    """Write to `out` what boxes `ends` sweep in a time, and return whether all of it stays inside `enclosure`.
 
-    All (2, M, ndim). From ends to ends + h velocity, and a quarter of the shell more; on shift-invariant axes the ends.
-    If it stays inside, the velocities, which hold in the enclosure, were right.
+    out = from the ends to ends + h velocity, and a quarter of the shell more on each side; along axes on which no
+    velocity depends (shift_invariant) it is the ends, and nothing is checked. If it stays strictly inside along all
+    others, the velocities, which hold in the enclosure, were right. False for NaN.
+
+    ends, velocity, enclosure, out : (2, M, ndim), lower and upper. h : the time, s. shift_invariant : (ndim,) bool.
+    shell : (ndim,), in the axes' units.
     """
     inside = True
     for side in range(2):

@@ -203,10 +203,12 @@ def _elementary(op, scratch, i, j, k, count):
 
 @kernel(error_model="numpy", **UNCOUNTED)
 def _power(scratch, i, n, k, count):
-    """scratch[k] = scratch[i]^n at `count` points, n a whole number; in place.
+    """scratch[k] = scratch[i]^n at `count` points, n a whole number.
 
-    By squares, from the first binary digit of |n| on: at most |n| roundings each count once. NaN for 0 to a negative
-    power.
+    By squares, from the first binary digit of |n| on: the relative error is at most that of |n| roundings. 1 for n = 0;
+    NaN for NaN, and for 0 to a negative power.
+
+    scratch (rows, points) : written in place; k is not i, which is not checked.
     """
     (a, out), digits = (scratch[i], scratch[k]), 0
     for m in range(count):

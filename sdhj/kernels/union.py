@@ -20,11 +20,14 @@ _inlined = inlined()
 
 
 class AvoidRows(NamedTuple):
-    """The avoid tubes of all inputs as rows of the grid, static ones and moving ones.
+    """The avoid tubes of all L inputs, > 0 in danger, as rows of nodes along the grid's last axis.
 
-    static, moving : (L, r, B), r rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row.
-    static_at, moving_at : (R,), for each row of the grid the number of its row in static, in moving.
+    The avoid tube of a row of the grid is the maximum of its static row, the same at all steps, and its moving row.
+
     highest : (L, r), the greatest value of each static row.
+    static : (L, r, B), r different rows of as many nodes as the grid's; or (L, r, 1), one value for each whole row.
+    static_at : (R,), for each of the grid's R rows the number of its row in `static`.
+    moving, moving_at : likewise, for one step; r is another number there.
     """
 
     highest: FloatArray

@@ -110,10 +110,11 @@ def cells_near(states, cells, slack, rows, near):
 
 @kernel(nogil=True)
 def fewest_of_cells(some, cells, index, pool, out):
-    """out[m] = the number of the first of n nested sets that has the cell some[m], of (M, ndim); n where none has.
+    """out[m] = the number of the first of n nested sets that has the cell some[m]; n where none has.
 
-    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, and the
-        blocks. out (M,) int64, overwritten.
+    some (M, ndim) : indices of cells. cells : how many there are and how they lie in rows, as for `row_and_bit`.
+    index (n, R), pool (B, W) : the numbers of the blocks of each row of the sets, each set inside the next, which is
+        not checked, and the blocks. out (M,) int64, overwritten.
     """
     for m in range(some.shape[0]):
         out[m] = first_holding(some[m], index.shape[0], cells, index, pool)

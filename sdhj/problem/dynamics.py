@@ -264,10 +264,10 @@ def _scaled_gain(gain: Any, bounds: Formula, points: Any, t: Any) -> Any:
 
 
 def _scaled_velocity(velocity: Formula, bounds: Formula, points: Any, t: Any, *v: Any) -> Any:
-    """The velocity for |v_d| <= 1 under each input, at traced points (M, ndim) and time t: (M, L, ndim).
+    """The velocity for v in units of its bounds under each input, at traced points (M, ndim) and time t: (M, L, ndim).
 
-    f(x, t, v_1 |bounds_1|, ..., v_D |bounds_D|). velocity : a formula with results (L, ndim). bounds : one with results
-    (L, D). v : D traced numbers.
+    f(q, t, v_1 |bounds_1|, ..., v_D |bounds_D|). velocity : a formula with results (L, ndim). bounds : one with results
+    (L, D), that depends on no state: it is read at the first point. v : D traced numbers.
     """
     pairs = zip(velocity.rows, bounds.rows, strict=True)
     return np.stack([one(points, t, *(np.stack(v) * np.abs(most(points, t)[0]))) for one, most in pairs], axis=1)
@@ -584,10 +584,10 @@ class VectorField(Remembering):
 
     @cached_property
     def extremes_of(self) -> tuple[Formula, ...]:
-        """Under each input, the least and the greatest velocity along each axis over all v, as a formula with results
-        (2, ndim).
+        """A formula for each input: of a state and the time, with results (2, ndim).
 
-        Only where v enters linearly and there are no black boxes. Made once.
+        They are the least and the greatest velocity along each axis over all v. Only where v enters linearly and there
+        are no black boxes. Made once.
         """
         count = len(self.inputs)
         return tuple(Formula.traced("velocity", partial(self._spread, j), self.ndim) for j in range(count))
@@ -638,11 +638,12 @@ class VectorField(Remembering):
         return least[:, 0], greatest[:, 1]
 
     def greatest_along(self, points: FloatArray, j: int, t: float, directions: FloatArray) -> FloatArray:
-        """The greatest n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
+        """An upper bound on n . velocity over all v, for each direction n, under input j at points (M, ndim): (M, K).
 
-        directions (K, ndim) : the vectors n, of any length. t : the time, s. Only where v does not enter linearly. It
-        is an upper bound: the maximum over the boxes of velocities of all combinations of pieces of v
-        (`pieces_of_components`). ValueError where a velocity may be undefined.
+        It is the maximum over the boxes of velocities of all combinations of pieces of v (`pieces_of_components`). Only
+        where v does not enter linearly, which is not checked. ValueError where a velocity may be undefined.
+
+        directions (K, ndim) : the vectors n, of any length. t : the time, s.
         """
         ends = self.disturbance_bounds(j, points[:1], points[:1], (t, t))
         nodes = [

@@ -336,16 +336,17 @@ class Interval:
         return np.asarray(points)
 
     def displacement_sets(self, states: FloatArray) -> FloatArray:
-        """Boxes and paths that each input leads to, relative to states (M, ndim): (4 + K, L, ndim, M), or 1 in place of
-        M.
+        """Where each input leads at the interval's end, and the path there, relative to states (M, ndim).
 
-        1 where they are the same for all states. [0], [1]: lower and upper corners of a box. [2], [3]: a and b of the
-        path without an adversary, x(t + s delta) = x + s a + s^2 b, 0 <= s <= 1; exact for a constant drift, else to
-        second order.
+        Returns a new array (4 + K, L, ndim, M); 1 in place of M where displacements are the same for all states.
 
-        The other K: half of each segment that a component of v which moves several axes adds to the box
-        (`VectorField.oblique`); or, where there are `normals` n, the greatest n . x of the states x at the end, ndim
-        normals in each of the K, the last of which is filled up with zeros. It is a new array that may be written to.
+        [0], [1] : the lower and the upper corner of a box, widened by `wider`; exact where velocities do not depend on
+            the state, else estimates (`reachable_boxes`).
+        [2], [3] : a and b of the path without an adversary, x(t + s delta) = x + s a + s^2 b, 0 <= s <= 1; exact for a
+            constant drift, else to second order.
+        [4:] : K is 0, or the number of components of v that move several axes (`VectorField.oblique`): half of the
+            segment that each of them adds to the box. Or there are `normals` n: then [4:, j, :, m] in C order are the
+            greatest n . x at the end, one for each n, and zeros behind them.
         """
         if self.dynamics.stateless:
             return self._constant_displacement_sets.copy()  # compiled look-ups take it in place of what they write

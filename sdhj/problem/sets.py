@@ -91,10 +91,10 @@ class UnsafeSet:
     inputs: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments, and read `level_set` and `swept` as formulas, or check them as black boxes.
+        """Replace `axes` and `inputs` by tuples of int, `level_set` and `swept` by the formulas read from them.
 
-        ValueError where one does not fit, NotTraced where one cannot be read. Whether the grid has the axes, and the
-        problem the inputs, the problem checks.
+        Black boxes are checked and stay. ValueError where an argument does not fit, NotTraced where a function cannot
+        be read. Whether the grid has the axes, and the problem the inputs, the problem checks.
         """
         option(f"sampling of the unsafe set {self.name!r}", self.sampling, ("nodes", "steep", "cell"))
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
@@ -456,10 +456,10 @@ class TargetSet:
     name: str = "target"
 
     def __post_init__(self) -> None:
-        """Check the axes, and read the level-set function as a formula, or check it as a black box.
+        """Replace `axes` by a tuple of int, and `level_set` by the formula that is read from it.
 
-        ValueError where one does not fit, NotTraced where the function cannot be read. Whether the grid has the axes,
-        the problem checks.
+        A black box is checked and stays. ValueError where one does not fit, NotTraced where the function cannot be
+        read. Whether the grid has the axes, the problem checks.
         """
         object.__setattr__(self, "axes", axis_numbers(self.axes, self.name))
         name = f"level set of {self.name!r}"

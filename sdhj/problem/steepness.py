@@ -29,8 +29,9 @@ def lipschitz_bounds(
     the same time up to `end`, s, of which one is disturbed. A_ik >= |d velocity_i / d q_k|, 1/s; b is the most that the
     disturbance adds, in the axes' units per second.
 
-    A velocity that may jump or be infinitely steep anywhere has zeros in its row of A and of b, and in `jumps` what
-    lies between its least and its greatest value; else `jumps` is 0. What black boxes declare is added to A and b.
+    A velocity that may jump, also where a periodic axis closes, or be infinitely steep anywhere has zeros in its row of
+    A and of b, and in `jumps` what lies between its least and its greatest value; else `jumps` is 0. What black boxes
+    declare is added to A and b.
 
     delta : length of the intervals, s, in which black boxes are asked for their bounds. ValueError where a black box
     does not declare enough, or a velocity may be undefined.

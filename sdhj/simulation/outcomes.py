@@ -185,9 +185,10 @@ def _least_between(
 
 
 def _checked(v: FloatArray, bounds: FloatArray) -> FloatArray:
-    """A copy of the disturbance v that an adversary returned, (M, D) float64; ValueError unless |v| <= bounds (M, D).
+    """A copy of the disturbance v that an adversary returned, (M, D) float64.
 
-    Up to rounding, 1e-12 of the bounds; a NaN is refused, too.
+    ValueError unless it is an array of real numbers of the shape of bounds (M, D) with |v| <= bounds, up to rounding,
+    1e-12 of the bounds; a NaN is refused, too.
     """
     v = real_array("what the adversary returns", v)  # a copy: it is read again
     if v.shape != bounds.shape:

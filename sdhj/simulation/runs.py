@@ -398,10 +398,11 @@ def adversary_of(adversary: str | Adversary) -> Adversary:
 def admissible_states(controller: Controller, count: int, rng: np.random.Generator) -> FloatArray:
     """States (count, ndim) drawn uniformly from the tube of all steps from step 0, by rejection.
 
-    They are in no true unsafe set; with a `Sensing` they are admissible however they are measured. ValueError if the
-    tube is so small that `DRAWS` rounds, of max(1024, 2 count) draws each, find fewer.
+    At step 0 they are outside the unsafe sets by the level-set functions themselves, whatever the table says; with a
+    `Sensing` they are admissible however they are measured.
 
-    count : at least 1.
+    count : at least 1. ValueError if the tube is so small that `DRAWS` rounds, of max(1024, 2 count) draws each, find
+        fewer.
     """
     grid, steps = controller.problem.grid, controller.table.steps
     found: list[FloatArray] = []

@@ -33,11 +33,12 @@ class Danger(NamedTuple):
     moves : bool
         Whether the avoid tubes differ from step to step.
     problem : ReachAvoidProblem
-        On whose grid the game is played: the problem itself, or for the ends of an axis a wide problem on `axes` alone.
+        On whose grid the game is played: the problem that is solved or, for the ends of an axis, one on `axes` alone
+        that is made for it, whose grid goes past both ends.
     unsafe_set : UnsafeSet
-        The set of `problem` to be avoided.
+        The set of this `problem` to be avoided; of the ends of an axis all that lies past them.
     inside : tuple of slice
-        For each of `axes` which nodes of the game's grid are the nodes of the problem's own grid.
+        For each of `axes` which nodes of the game's grid are nodes of the grid of the problem that is solved.
     """
 
     axes: tuple[int, ...]

@@ -292,9 +292,10 @@ class _OnAxes:
         return self.tubes(ObstacleFunction.of(self.problem, unsafe_set, self.problem.avoid_axes(unsafe_set)), step)
 
     def tubes(self, obstacle: ObstacleFunction, step: int) -> FloatArray:
-        """The avoid tubes of an obstacle function over the interval from a step: (L, *subgrid of obstacle.axes), new.
+        """The avoid tubes of an obstacle function over the interval from a step: (L, ...), a new array, > 0 in danger.
 
-        For each input the maximum of what `each_tube` yields; on the wanted nodes alone.
+        ... are those nodes of the subgrid of obstacle.axes that are wanted (`no_tubes`). For each input the maximum of
+        what `each_tube` yields; -inf where it yields nothing.
         """
         tubes = self.no_tubes(obstacle)
         for j, tube in self.each_tube(obstacle, step):

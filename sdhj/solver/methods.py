@@ -41,9 +41,10 @@ class HJI(Options):
     scheme : Scheme
         How the equations are discretised.
     games : {"decomposed", "joint"}
-        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets
-        the joint PDE is solved as by `Scheme(frame="fixed")`, because in coordinates that move with the drift these
-        sets would move otherwise for each input. So it fills gaps between pieces of a tube (`sdhj.solver.gaps`).
+        Separate reach and avoid games (App. A.3), or the one PDE of Prop. 1. With unsafe sets the joint PDE is solved
+        as by `Scheme(frame="fixed")`, because in coordinates that move with the drift these sets would move
+        differently for each input. It is more diffusive, and may promise what lies in a gap between pieces of a tube
+        (`sdhj.solver.gaps`); it is there to be compared with.
 
     Raises
     ------

@@ -485,7 +485,10 @@ class GridMethod(Protocol):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """The method's options, plain values by name, for the table's details; "dtype" is that of its values."""
+        """The method's options, plain values by name, for the table's details.
+
+        One of them must be "dtype", the type of the numbers in tubes, such as "float32".
+        """
 
     def on(self, problem: ReachAvoidProblem) -> Games:
         """The games of the intervals of a problem, on its whole grid; what they sample is kept with them."""

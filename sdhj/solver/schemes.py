@@ -238,9 +238,9 @@ def _field(
 
 
 def _terms(grid: Grid, layout: Layout, velocities: Velocities, dtype: str) -> tuple[FloatArray, ...]:
-    """Velocities as the kernel `stage` reads them: what `_arranged` returns, to be read only.
+    """Velocities as the kernel `stage` reads them: the flat arrays that `_arranged` returns, not to be modified.
 
-    It is kept with the velocities, for each layout and dtype, if they have a dict `Velocities.terms`.
+    They are kept in `velocities.terms`, for each layout and dtype, if that is a dict, and not made again.
     """
     if (terms := velocities.terms) is None:
         return _arranged(grid, layout, velocities, dtype)

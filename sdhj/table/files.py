@@ -202,9 +202,11 @@ def written_table(path: Named, table: "Table", **head: Any) -> Iterator[h5py.Fil
 
 
 def make_head(problem: ReachAvoidProblem, method: str, details: Mapping[str, Any], digest: str) -> dict[str, Any]:
-    """The head of a table's file, for JSON: version, method, details, problem and digest; all but the arrays.
+    """The head of a table's file, for JSON: all that the file says besides its arrays.
 
-    digest : of the problem, `problem.digest`.
+    "sdhj_version", "convention", "digest", "recipe", "method", "details", and what `described` says of the problem.
+
+    details : of the method, as JSON can hold them. digest : of the problem, `problem.digest`, which takes time.
     """
     return {
         "sdhj_version": VERSION,

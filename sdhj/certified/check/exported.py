@@ -39,13 +39,21 @@ UNPROVED, NO_INPUT, ARRIVED = 0xFFFFFFFF, 65535, 65534
 
 
 class Words:
-    """An exported file as it was read: the numbers of its head, its blocks and words, and its images.
+    """A file that `sdhj export` wrote, as it was read: the numbers of its head, its blocks and words, and its images.
 
+    steps, starts, leads : how many steps there are, how many with words and how many with images of their own.
+    counts, sides, blocks : along each axis, of cells, of a block's cells, and of blocks; (ndim,) int each.
+    lower, upper, width, length, error, slack : (ndim,) float64, in the axes' units: where cells begin, where the grid
+        ends, how wide a cell is, after what length the axis closes, the error of a measurement, and how far beside a
+        cell a state still counts as in it. delta : the interval, s. inputs (L, m). problem : its digest, a text.
+    periodic : (ndim,) bool. layers : (ndim, 2), those at the lower and at the upper end. safe_ends : (ndim,), 1 for the
+        lower end and 2 for the upper. brake : the input that is applied where nothing is known.
+    index : (starts, *blocks), the number of each block's body. bodies : (bodies, cells of a block) uint32, the numbers
+        of the words of a block's cells.
     fields : by name, of each word, those of `FIELDS` that the file has; "steps" and "select" as (words,) int64, fields
         of inputs as (words, L) bool.
     images : for each axis (leads, L, cells of the axes in `reads`, 2), the first and the last cell, less the cell's own
-        index; leads is 0 where there are none.
-    starts : the number of steps with words of their own.
+        index; leads is 0 where there are none. reads : (ndim, ndim) bool, on which axes the images along one depend.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

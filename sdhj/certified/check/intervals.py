@@ -139,7 +139,10 @@ def raised(x: Array, n: int) -> Interval:
 
 
 def power(a: Interval, n: int) -> Interval:
-    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n."""
+    """a^n for a whole n, rounded outward: of even n by |a|, of odd n by the ends, of n < 0 as 1 / a^-n.
+
+    1 for n = 0; NaN where a is NaN, and for n < 0 where a holds 0 (`div`).
+    """
     if n < 0:
         return div((np.array(1.0), np.array(1.0)), power(a, -n))
     if n == 0:
@@ -221,10 +224,11 @@ def tan(a: Interval) -> Interval:
 def arctan2(y: Interval, x: Interval, side: int | None = None) -> Interval:
     """The angle of (x, y): the hull of the angles at the corners of the box, rounded outward.
 
-    [-pi, pi] where the box may meet the jump, y = 0 and x <= 0. The extremes are at corners, because a box that does
-    not hold the origin is convex.
+    [-pi, pi], a little wider, where the box may meet the jump, y = 0 and x <= 0. Any other box is convex and does not
+    hold the origin, so that the extremes are at corners.
 
-    side : 0 or 1: only of the part of the box above (y >= 0), or below, the jump, where the jump is met; None: of all.
+    side : where the box meets the jump only its part y >= 0 (side 0), or y <= 0, where the angle is -pi at the jump
+        (side 1); other boxes are whole. None: all of every box.
     """
     jump = (y[0] <= 0) & (y[1] >= 0) & (x[0] <= 0)  # check 6.15
     if side is not None:

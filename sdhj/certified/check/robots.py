@@ -484,15 +484,16 @@ class Robot(Sets):
         return at_wall & self.known & self.sensing.memory
 
     def piece(self, box: Array, moved: Array, j: Array, times: Times, far: Array, closer: bool) -> Array:
-        """How far ends of boxes have moved in all after one more piece of the interval: (2, M, ndim).
+        """How far the ends of boxes have moved after one more piece of the interval: displacements (2, M, ndim).
 
-        An end moves as the velocity can be in a box that the state does not leave meanwhile; with `closer`, in the face
-        on its side of that box. `Unbounded` where no such box is found. Along axes that are no place's the box is not
-        moved.
+        They are negative downwards. A box is looked for that the state does not leave during the piece (`Unbounded`
+        where none is found); then an end moves with the extreme velocity in that box. With `closer`, along axes whose
+        velocity depends on their own coordinate, with that in the face of the box on the end's side. Along axes of no
+        place boxes stay where they are in this search, and what is returned holds for them anywhere.
 
-        box (2, M, ndim) : the ends when the piece begins. moved (2, M, ndim) : how far they have moved until then.
-        j (M,) : inputs. times : of the piece, s to s.
-        far (2, M, ndim) : about how far each end moves outward, with which the search begins; overwritten.
+        box (2, M, ndim) : the ends when the piece begins. moved (2, M, ndim) : their displacements until then, to which
+            those of the piece are added. j (M,) : inputs. times : of the piece, (from, to), s.
+        far (2, M, ndim) : a guess of the displacements in the piece, overwritten by what was found.
         """
         h, some, out = (times[1] - times[0]) * (1 + 1e-15), OUTWARD * 0.1 * self.near, np.empty_like(box)
         left: Any = slice(None)

@@ -218,10 +218,10 @@ def halve(part, weights, first, second):
 def link_clear(link, body, part, velocity, start, world, stack):
     """Whether it is proved that a link stays clear of a body, from anywhere in a part and at all its times.
 
-    False, too, where more than `GRANTED` boxes would be needed.
+    False, too, where they touch, and where more than `GRANTED` boxes, or more room than `stack` has, would be needed.
 
-    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent. part (BOUNDS,) : of
-        `moved`. velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
+    link : 0 or 1. body : the number of an obstacle, or the one after all of them for the agent. part (BOUNDS,) :
+        bounds of joints, coordinates, times and pushes, in the order that `moved` says. velocity (2,) : of the joints, the input. start : when the interval begins, s. world : the `World`.
     stack (STACK, BOUNDS) : overwritten.
     """
     l1, l2, agent = world.arm[0] + world.arm[1], world.arm[1] * link, 1.0 if body == len(world.disks) else 0.0
