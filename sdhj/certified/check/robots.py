@@ -135,7 +135,7 @@ class Robot(Sets):
     clear (starts, cells, bytes) uint8 : under which inputs the file says that a cell is clear, a bit each.
     off (ndim,) : E, how far a prediction may be off, by the file.
     delta, delay, jitter, length : the interval, what `Sensing` says, and the longest interval, delta + 2 jitter, s.
-    near (ndim,) : how far off a cell a state counts as in it.
+    near (ndim,) : how far off a cell a state counts as in it. room (ndim,) : how far past an unsafe end counts as at it.
     target, unsafe : a `Part` or None, and a list of `Part`.
     trusted : the names of functions of which the check believes what their author states.
     """
@@ -151,7 +151,7 @@ class Robot(Sets):
         expect(1 <= self.count <= MOST_INPUTS, f"there must be 1 to {MOST_INPUTS} inputs", self.count)  # check 7.35
         self.delta = real("delta", head["delta"], SMALLEST)
         self.scale = np.maximum(np.abs(self.grid.lower), np.abs(self.grid.upper))
-        self.near = NEAR * self.scale
+        self.near, self.room = NEAR * self.scale, ROOM * np.array(self.grid.spacing)
         self.sensing = Sensing(head.get("sensing", {}), self.grid.ndim, self.delta)
         functions = Functions(head, arrays, problem)
         self.moves = Velocity(functions, head["inputs"], self.grid)
@@ -623,9 +623,8 @@ class Robot(Sets):
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
             whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            allowed = ROOM * grid.spacing[axis]
-            out &= (whole[0, :, axis] >= grid.lower[axis] - allowed) | (grid.ends[axis][0] != "unsafe")  # check 4.36
-            out &= (whole[1, :, axis] <= grid.upper[axis] + allowed) | (grid.ends[axis][1] != "unsafe")  # check 4.35
+            out &= (whole[0, :, axis] >= grid.lower[axis] - self.room[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.36
+            out &= (whole[1, :, axis] <= grid.upper[axis] + self.room[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
@@ -688,8 +687,8 @@ class Robot(Sets):
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
         for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
             low, high = self.along(axis, places, whole)
-            good = (low >= grid.lower[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
-            good &= (high <= grid.upper[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
+            good = (low >= grid.lower[axis] - self.room[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
+            good &= (high <= grid.upper[axis] + self.room[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
             out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
         parts = list(np.moveaxis(swept, 1, 0))
         for number, part in enumerate(self.unsafe):

@@ -217,13 +217,13 @@ class AtOnce:
 
     def past_ends(self, j: int) -> Array:
         """From which cells the tube of u_j may get past an unsafe end: bool, broadcasts to the numbers of cells."""
-        robot, places = self.robot, np.arange(self.places)
+        robot, grid, places = self.robot, self.robot.grid, np.arange(self.places)
         out, own = np.zeros([1] * len(self.shape), np.bool_), self.tubes[j * self.places : (j + 1) * self.places]
         whole = np.stack([own[:, :, 0].min(axis=1), own[:, :, 1].max(axis=1)], axis=1)  # check 4.76
-        for axis in np.flatnonzero(~robot.periodic & (np.array(robot.grid.ends) == "unsafe").any(axis=1)).tolist():
+        for axis in np.flatnonzero(~robot.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)).tolist():
             low, high = robot.along(axis, places, whole)
-            beyond = (low < robot.grid.lower[axis]) & (robot.grid.ends[axis][0] == "unsafe")  # check 4.74
-            beyond |= (high > robot.grid.upper[axis]) & (robot.grid.ends[axis][1] == "unsafe")  # check 4.75
+            beyond = (low < grid.lower[axis] - robot.room[axis]) & (grid.ends[axis][0] == "unsafe")  # check 4.74
+            beyond |= (high > grid.upper[axis] + robot.room[axis]) & (grid.ends[axis][1] == "unsafe")  # check 4.75
             out = out | self.of_all_cells(packed(beyond), [] if robot.known[axis] else [axis])
         return out
 
