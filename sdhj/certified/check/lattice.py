@@ -154,8 +154,7 @@ class Lattice:
                 for axis, n in enumerate(shape := (-(-some // side)).tolist()):
                     blocks = blocks.repeat(larger // side, axis)[(*[slice(None)] * axis, slice(n))]
                 larger, known = side, np.ascontiguousarray(blocks).ravel()
-                if side == 1:
-                    known[met.ravel()] = MET
+                known[all_of(met, side).ravel()] = MET
                 left = np.flatnonzero(known == OPEN)
                 for at in range(0, left.size, AT_ONCE):
                     own = left[at : at + AT_ONCE]
@@ -203,6 +202,13 @@ class Lattice:
         last = np.maximum(first, last)  # of a tube that is narrower than that, too
         whole &= self.periodic[axis]
         return np.where(whole, 0, first), np.where(whole, most, last)  # check 4.57
+
+
+def all_of(flags: Array, side: int) -> Array:
+    """Whether all flags in blocks of `side` along each axis are set: bool, ceil(n / side) along each. flags : bool."""
+    for axis, n in enumerate(flags.shape if side > 1 else ()):
+        flags = np.logical_and.reduceat(flags, np.arange(0, n, side), axis)
+    return flags
 
 
 def sums(inside: Array, periodic: Array) -> Array:

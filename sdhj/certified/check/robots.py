@@ -30,7 +30,7 @@ import numpy as np
 from tqdm import tqdm
 
 from sdhj.certified.check import balls
-from sdhj.certified.check.bits import Array
+from sdhj.certified.check.bits import Array, flags_of, number_of, numbers_of, packed, unpacked
 from sdhj.certified.check.claims import ARRIVE, COVER, GOALS, GROW, NEARER, Claim
 from sdhj.certified.check.described import BlackBox, Functions, Grid, Part, Times, Velocity
 from sdhj.certified.check.formulas import Formula
@@ -803,10 +803,17 @@ class Robot(Sets):
         step, within : step + within <= steps, which is not checked. Of a time-invariant robot `step` is ignored, and
         the last set that is kept stands for larger `within`.
         """
+        return unpacked(self.in_bytes(step, within), int(self.counts[-1])).ravel()
+
+    def in_bytes(self, step: int, within: int) -> Array:
+        """The same set, packed along the last axis: (rows, bytes) uint8, no bit set behind the last cell of a row.
+
+        step, within : as for `bits`.
+        """
         row = step * (self.steps + 1) - step * (step - 1) // 2 + within
         row = min(within, len(self.index) - 1) if self.time_invariant else row
-        blocks = self.pool[self.index[row]].view(np.uint8)
-        return np.unpackbits(blocks, axis=1, count=int(self.counts[-1]), bitorder="little").ravel().view(np.bool_)
+        blocks = self.pool.view(np.uint8)[:, : -(-int(self.counts[-1]) // 8)]
+        return np.ascontiguousarray(blocks)[self.index[row]]
 
     def claim_of_arrivals(self, numbers: Array, silent: bool) -> Claim:
         """The claim, checked, that inputs lead into the target itself, at the sites of cells with flat numbers (M,).
@@ -814,8 +821,9 @@ class Robot(Sets):
         Claims at other sites are counted as made and not checked. silent : show no progress bar.
         """
         made, checked, wrong = int(np.bitwise_count(self.arrives).sum()), 0, list[str]()
-        some = np.zeros(self.arrives.shape[1], np.bool_)
-        some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
+        some = np.full(self.arrives.shape[1], numbers.size == self.clear.shape[1])
+        if not some.all():
+            some[by_slabs(lambda n: self.cells(n) @ self.sites, numbers)] = True
         bar, size = tqdm(total=len(self.arrives) * self.count, desc="arrivals", disable=silent), some.size
         for step, group in product(range(len(self.arrives)), self.groups(1, size)):
             flags = (((self.arrives[step, :, j // 8] >> np.uint8(j % 8)) & 1 == 1) & some for j in group)
@@ -851,17 +859,18 @@ class Robot(Sets):
         times = self.time(step + 1), self.time(step + 1)  # check 5.20
         return self.inside(self.target, box[..., list(self.target.axes)], times)  # check 5.21
 
-    def steps_hold(self, numbers: Array, step: int, following: Array) -> Array:
-        """Whether each of the cells (M,) has a clear input that leads it into a set, or into the target: (M,) bool.
+    def steps_fail(self, asked: Array, step: int, following: Array) -> Array:
+        """The flat numbers of the cells that no clear input leads into a set, or into the target: (M,), ascending.
 
         By what the file says of moves, clear inputs and arrivals.
 
-        numbers (M,) : the cells' flat numbers. step : the number of the interval.
-        following (cells,) bool : the set, of the next step with a step less to go.
+        asked (rows, bytes) : uint8, the cells that are asked about, packed along the last axis. step : the number of
+            the interval. following : packed likewise, the set, of the next step with a step less to go.
         """
+        n = int(self.counts[-1])
         if self.at_once is not None and self.at_once.leads():
-            return self.at_once.led(step, following)[numbers]
-        inside = self.sums(following)
+            return numbers_of(asked & ~self.at_once.led(step, following).reshape(asked.shape), n)
+        inside = self.sums(unpacked(following, n))
 
         def hold(some: Array) -> Array:
             """Whether some clear input leads from each of the cells with numbers (m,) into the set: (m,) bool."""
@@ -871,7 +880,8 @@ class Robot(Sets):
                 out[left] = self.leads(some[left], step, j, inside)
             return out
 
-        return by_slabs(hold, numbers)
+        numbers = numbers_of(asked, n)
+        return numbers[~by_slabs(hold, numbers)]
 
     def sums(self, cells: Array) -> Array:
         """How many cells of a set, (cells,) bool, lie below each corner: int32, what `lattice.sums` returns."""
@@ -990,10 +1000,15 @@ class Robot(Sets):
             steps = range(len(self.clear)) if starts == 1 else [start]  # check 4.38
             moving, open_ = dict.fromkeys(group, places), {j: dict[int, Array]() for j in group}
             for j, step in product(group, steps):
+                if at_once is not None:
+                    flags = flags_of(self.clear[step], j, at_once.shape)
+                    open_[j][step], own = at_once.open_cells(flags, step, j), number_of(flags)
+                    made, checked = made + own, checked + own
+                    continue
                 flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
                 own = flags if numbers.size == flags.size else flags[numbers]
                 made, checked = made + int(np.count_nonzero(flags)), checked + int(np.count_nonzero(own))
-                open_[j][step] = np.flatnonzero(own) if at_once is None else at_once.open_cells(flags, step, j)
+                open_[j][step] = np.flatnonzero(own)
             for finer in FINER:
                 self.narrow(start, finer, moving, open_, numbers, at)
             for j in group:
@@ -1078,22 +1093,25 @@ class Robot(Sets):
             rows = [(0, 0), (0, 1)]  # check 3.48
         else:
             rows = [(k, n) for k in starts for n in range(self.steps - k + 1)]
+        n = int(self.counts[-1])
+        looked_at = packed(chosen.reshape(-1, n))
         for step, within in tqdm(rows, desc="sets", disable=silent):
-            new = here = self.bits(step, within)
+            new = here = self.in_bytes(step, within)
             name = NEARER if within else GOALS
             if within:
-                less = self.bits(step, within - 1)
+                less = self.in_bytes(step, within - 1)
                 if ((here & ~less) if self.has_no_target else (less & ~here)).any():  # check 2.2
                     failed[GROW].append(f"start {step}, within {within}")
                 new = here if self.has_no_target else here & ~less  # check 3.47
-            numbers = np.flatnonzero(new & chosen)
-            counted[name][0] += int(new.sum())
-            counted[name][1] += numbers.size
+            asked = new & looked_at
+            counted[name][0] += number_of(new)
+            counted[name][1] += number_of(asked)
             if not within:
-                good = by_slabs(partial(self.goals_hold, step=step), numbers)
+                wrong = numbers_of(asked, n)
+                wrong = wrong[~by_slabs(partial(self.goals_hold, step=step), wrong)]
             else:
-                good = self.steps_hold(numbers, step, self.bits(step + 1, within - 1))  # check 3.46
-            failed[name].extend(f"start {step}, within {within}, cell {number}" for number in numbers[~good])
+                wrong = self.steps_fail(asked, step, self.in_bytes(step + 1, within - 1))  # check 3.46
+            failed[name].extend(f"start {step}, within {within}, cell {number}" for number in wrong)
         yield Claim(GROW, len(rows), len(rows), failed[GROW])
         for name, (made, checked) in counted.items():
             yield Claim(name, made, checked, failed[name])

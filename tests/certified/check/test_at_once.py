@@ -157,8 +157,8 @@ def reads(path, monkeypatch):
 def test_what_is_clear_at_once_is_clear_by_halves(name, robots, monkeypatch):
     """Of cells drawn from all, under every input and in every step; and little is left open that is clear."""
     robot, rng = reads(robots(name), monkeypatch), np.random.default_rng(0)
-    every, few = np.ones(len(robot.clear[0]), np.bool_), 0
-    numbers = np.sort(rng.choice(every.size, 150, replace=False))
+    every, few = packed(np.ones(robot.counts, np.bool_)), 0
+    numbers = np.sort(rng.choice(len(robot.clear[0]), 150, replace=False))
     robot.at_once.look_at(0)
     places, total = robot.cells(numbers) @ robot.strides, 0
     for step, j in itertools.product(range(len(robot.clear)), range(robot.count)):
@@ -178,7 +178,8 @@ def test_cells_are_led_at_once_as_one_by_one(name, robots, monkeypatch):
     numbers = np.arange(len(robot.clear[0]))
     for step, share in itertools.product(range(len(robot.clear)), (0.0, 0.9, 0.99)):
         following = rng.random(numbers.size) < share if share else robot.bits(step + 1, 0)
-        found, counted = robot.at_once.led(step, following), robot.sums(following)
+        found = unpacked(robot.at_once.led(step, packed(following.reshape(robot.counts))), robot.counts[-1]).ravel()
+        counted = robot.sums(following)
         one_by_one = np.any([robot.leads(numbers, step, j, counted) for j in range(robot.count)], axis=0)
         assert np.array_equal(found, one_by_one) and 0 < found.sum() < found.size
 
