@@ -135,7 +135,8 @@ class Robot(Sets):
     clear (starts, cells, bytes) uint8 : under which inputs the file says that a cell is clear, a bit each.
     off (ndim,) : E, how far a prediction may be off, by the file.
     delta, delay, jitter, length : the interval, what `Sensing` says, and the longest interval, delta + 2 jitter, s.
-    near (ndim,) : how far off a cell a state counts as in it. room (ndim,) : how far past an unsafe end counts as at it.
+    near (ndim,) : how far off a cell a state counts as in it.
+    room (ndim,) : how far past an unsafe end a tube counts as at it.
     target, unsafe : a `Part` or None, and a list of `Part`.
     trusted : the names of functions of which the check believes what their author states.
     """
@@ -196,8 +197,8 @@ class Robot(Sets):
         if len(flags) == ndim and worth_while(counts, flags, inputs, unsafe):
             # of each input what is packed of cells, and of some boxes; of sets, too
             alike = places == 1 and "normals" not in head["proof"]
-            of_a_set = cells * (12 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
-            return sizes(arrays) + max(cells * 5 + chosen * 16 + cells // 4 * inputs, of_a_set) + swept
+            of_a_set = cells * (6 if alike else 7 + 5 * 2 ** sum(map(bool, head["grid"]["periodic"])))
+            return sizes(arrays) + max(cells * 2 + chosen * 10 + cells // 4 * inputs, of_a_set) + swept
         swept += 8 * min(chosen * looks * inputs, NUMBERS_AT_ONCE) + min(places * inputs, BOXES_AT_ONCE)
         lattices = 0
         for number, one in enumerate(one for one in head["sets"] if one["kind"] == "unsafe"):
@@ -623,8 +624,9 @@ class Robot(Sets):
             until = np.where(there[:, :, None, None], swept[at], swept[at, :1])  # check 4.46
             whole = ends + np.stack([until[:, :, 0].min(axis=1), until[:, :, 1].max(axis=1)])
         for axis in np.flatnonzero(~self.periodic):
-            out &= (whole[0, :, axis] >= grid.lower[axis] - self.room[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.36
-            out &= (whole[1, :, axis] <= grid.upper[axis] + self.room[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.35
+            room = self.room[axis]
+            out &= (whole[0, :, axis] >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.36
+            out &= (whole[1, :, axis] <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.35
         for unsafe_set in (one for one in self.unsafe if one.counts(j)):  # check 4.30
             own, left = list(unsafe_set.axes), np.flatnonzero(out)
             if not unsafe_set.moving:  # often the whole tube at once will do
@@ -687,8 +689,9 @@ class Robot(Sets):
         whole = np.stack([swept[:, :, 0].min(axis=1), swept[:, :, 1].max(axis=1)], axis=1)  # check 4.59
         for axis in np.flatnonzero(~self.periodic & (np.array(grid.ends) == "unsafe").any(axis=1)):
             low, high = self.along(axis, places, whole)
-            good = (low >= grid.lower[axis] - self.room[axis]) | (grid.ends[axis][0] != "unsafe")  # check 4.60
-            good &= (high <= grid.upper[axis] + self.room[axis]) | (grid.ends[axis][1] != "unsafe")  # check 4.61
+            room = self.room[axis]
+            good = (low >= grid.lower[axis] - room) | (grid.ends[axis][0] != "unsafe")  # check 4.60
+            good &= (high <= grid.upper[axis] + room) | (grid.ends[axis][1] != "unsafe")  # check 4.61
             out &= good[at, 0 if self.known[axis] else self.cells(numbers)[:, axis]]
         parts = list(np.moveaxis(swept, 1, 0))
         for number, part in enumerate(self.unsafe):
@@ -1002,8 +1005,8 @@ class Robot(Sets):
             for j, step in product(group, steps):
                 if at_once is not None:
                     flags = flags_of(self.clear[step], j, at_once.shape)
-                    open_[j][step], own = at_once.open_cells(flags, step, j), number_of(flags)
-                    made, checked = made + own, checked + own
+                    open_[j][step], count = at_once.open_cells(flags, step, j), number_of(flags)
+                    made, checked = made + count, checked + count
                     continue
                 flags = ((self.clear[step, :, j // 8] >> np.uint8(j % 8)) & 1).view(np.bool_)
                 own = flags if numbers.size == flags.size else flags[numbers]

@@ -215,7 +215,7 @@ MUTATIONS = {  # a change of what is marked `# check`, and the case that is then
     "a part of a tube": ("4.70 put 11 0; put 12 1", "moving"),
     "all parts of a tube": ("4.70 put 3 True", "all alike"),
     "what is met": ("4.71 drop", "all alike"),
-    "what is left open": ("4.73 put 6 {9}.ravel()", "all alike"),
+    "what is left open": ("4.73 zero 4", "all alike"),
     "the lower end": ("4.74 false 3", "all alike"),
     "the upper end": ("4.75 false 3", "all alike"),
     "how far a tube gets": ("4.76 turn 7; turn 16", "all alike"),
