@@ -12,7 +12,7 @@ from forging import forged
 
 import sdhj
 from sdhj.certified.check import verify, windows
-from sdhj.certified.check.bits import packed, unpacked
+from sdhj.certified.check.bits import flags_of, numbers_of, packed, unpacked
 from sdhj.certified.check.lattice import Lattice
 from sdhj.certified.check.robots import Robot
 from sdhj.certified.check.windows import each_once, overlapped, united
@@ -168,6 +168,23 @@ def test_what_is_clear_at_once_is_clear_by_halves(name, robots, monkeypatch):
         assert not (~open_ & ~clear).any()
         few, total = few + int((open_ & clear).sum()), total + int(clear.sum())
     assert few < 0.12 * total and 0.2 < total / (150 * robot.count * len(robot.clear)) < 0.9
+
+
+def test_a_tube_that_leads_exactly_to_an_end_is_clear(tmp_path, monkeypatch):
+    """From the 14 of 16 cells of .25 that a step of .5 keeps inside: at once, looked up, and by halves."""
+    dynamics = sdhj.Dynamics([[1.0], [-1.0]], [[1.0], [-1.0]], [[1.0]], [0.0])
+    target = sdhj.TargetSet((0,), lambda p, t: p[:, 0] - 1.0)
+    problem = sdhj.ReachAvoidProblem(sdhj.Grid([0.0], [4.0], [17]), dynamics, target, (), 0.5, 2)
+    sdhj.solve(problem, sdhj.Certified(cells=(16,)), play=False, progress=False).save(tmp_path / "it.h5")
+    robot = reads(tmp_path / "it.h5", monkeypatch)
+    robot.at_once.look_at(0)
+    for j, clear in enumerate([np.arange(14), np.arange(2, 16)]):
+        assert numbers_of(flags_of(robot.clear[0], j, (16,)), 16).tolist() == clear.tolist()
+        assert not robot.at_once.open_cells(flags_of(robot.clear[0], j, (16,)), 0, j).size
+        swept, every = robot.driven(np.zeros(1, int), np.array([j]), 0.0, 1, False)[0], np.arange(16)
+        looked_up = robot.clear_by_lattice(0, j, every, np.zeros(1, int), swept, 0 * every)
+        halved = robot.clear_holds(robot.ends(robot.cells(every)), 0, j, swept, 0 * every)
+        assert np.flatnonzero(looked_up).tolist() == np.flatnonzero(halved).tolist() == clear.tolist()
 
 
 @pytest.mark.parametrize("name", ["all alike", "moving"])
