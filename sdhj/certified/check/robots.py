@@ -205,7 +205,8 @@ class Robot(Sets):
             moving = "p 0" in head["formulas"]["functions"].get(f"unsafe {number}", ["p 0"])
             axes = [axis for axis in range(ndim) if axis in one["axes"]]
             laps = sum(bool(head["grid"]["periodic"][axis]) for axis in axes)
-            lattices += memory([counts[axis] for axis in axes], laps, len(arrays["clear"]) * parts if moving else 1)
+            times = len(arrays["clear"]) * (parts + 1) if moving else 1
+            lattices += memory([counts[axis] for axis in axes], laps, times)
         lattices = (lattices + 40 * chosen) * (chosen * FEW >= cells)  # and numbers, rows of what is looked up, twice
         return sizes(arrays) + max(cells * (3 + looks) + chosen * (28 + 8 * looks), of_a_set) + swept + lattices
 
@@ -645,8 +646,8 @@ class Robot(Sets):
     def lattice_of(self, number: int, step: int) -> tuple[Lattice, list[Array]]:
         """The lattice of an unsafe set, and its boxes counted (`Lattice.counted`), a list of arrays.
 
-        A single array, for all times, where the set stands still; else one for each part of the interval from a step.
-        Each lattice is made once and kept.
+        A single array, for all times, where the set stands still; else one for each part of the interval from a step,
+        and the last for all of it. Each lattice is made once and kept.
 
         number : the set's, in `unsafe`. `pieces` must not be 0 for it.
         """
@@ -658,7 +659,7 @@ class Robot(Sets):
             boxes = Lattice(edges, pieces, self.periodic[own], self.near[own], self.sway[own])
             when = [(a - self.jitter, b + self.jitter) if part.moving else (a, b) for a, b in times]  # check 4.58
             signs = [[partial(self.above, part, one, each) for one in part.least_of] for each in when]
-            self.lattices[key] = boxes, [*map(boxes.counted, signs)]
+            self.lattices[key] = boxes, boxes.counted(signs)
         return self.lattices[key]
 
     def pieces(self, part: Part) -> int:
@@ -699,8 +700,8 @@ class Robot(Sets):
                 continue
             boxes, found = self.lattice_of(number, step)
             left = np.flatnonzero(out)
-            if not part.moving:  # often the whole tube at once will do
-                left = left[~self.misses(boxes, found[0], part.axes, whole, numbers[left], places, at[left])]
+            # often the whole tube at once will do
+            left = left[~self.misses(boxes, found[-1], part.axes, whole, numbers[left], places, at[left])]
             for piece, tube in enumerate(parts):
                 counts = found[piece if part.moving else 0]  # check 4.52
                 good = self.misses(boxes, counts, part.axes, tube, numbers[left], places, at[left])
